@@ -21,6 +21,15 @@ SEEDS ?=
 FULL ?=
 BASELINE ?=
 SETTINGS ?=
+# Of chaos: how often each fault is done, names of faults, any value: exploring, on bad links, in containers.
+TIMES ?=
+FAULT ?=
+EXPLORE ?=
+LINKS ?=
+CONTAINERS ?=
+# Of fuzz: messages of each kind, seconds on a running stack.
+CASES ?=
+STACK_S ?=
 # A local uv if the machine has none; `python3` must then be version 3.11.
 UV := $(shell command -v uv || echo .tools/bin/uv)
 export UV_PYTHON_DOWNLOADS ?= automatic
@@ -30,9 +39,14 @@ PYTHON := .venv/bin/python
 comma := ,
 space := $(subst ,, )
 STAMP := .venv/.installed
+# TELL TEXT COUNT COMMAND: nothing that takes long is silent.
+TELL := scripts/with-progress.sh
+# $(call sync,VENV,LOCK): the libraries of a lock file, and no others.
+sync = $(TELL) "installing the libraries of $2" "scripts/count-installed.sh $(UV) $1 $2" \
+	$(UV) pip sync --quiet --python $1/bin/python --require-hashes $2
 SOURCES := services tests examples
 
-.PHONY: help env demo slam demo-original up down goal recordings console view docs test test-slow test-compose check fix generate lock bench bench-nav bench-slam soak seeds image clean
+.PHONY: help env demo slam demo-original up down goal recordings console view docs test test-slow test-ros2 test-compose check fix generate lock bench bench-nav bench-slam soak chaos fuzz seeds image clean
 
 help: ## print the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## /{printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -40,15 +54,15 @@ help: ## print the targets
 env: $(STAMP) ## create the environment in .venv (other targets do this by themselves)
 
 .tools/bin/uv:
-	@echo "making the environment: no uv here, installing it into .tools"
-	@python3 -m venv .tools && .tools/bin/python -m pip install --quiet --require-hashes -r requirements-tools.lock
+	@$(TELL) "no uv here: making an environment for it in .tools" "" python3 -m venv .tools
+	@$(TELL) "installing uv into .tools" "" .tools/bin/python -m pip install --quiet --require-hashes -r requirements-tools.lock
 
 $(STAMP): requirements-dev.lock requirements.lock pyproject.toml | $(filter .tools/bin/uv,$(UV))
-	@echo "making the environment in .venv"
-	@test -x $(PYTHON) || $(UV) venv --quiet --python 3.11 .venv
-	@$(UV) pip sync --quiet --compile-bytecode --python $(PYTHON) --require-hashes requirements-dev.lock
-	@$(UV) pip install --quiet --python $(PYTHON) --no-deps --no-build-isolation --editable .
-	@$(PYTHON) -m compileall -q services
+	@test -x $(PYTHON) || $(TELL) "making the environment in .venv" "" $(UV) venv --quiet --python 3.11 .venv
+	@$(call sync,.venv,requirements-dev.lock) --compile-bytecode
+	@$(TELL) "installing mazebot itself" "" $(UV) pip install --quiet --python $(PYTHON) --no-deps --no-build-isolation --editable .
+	@$(TELL) "compiling its byte code" "echo \$$(find services -name '*.pyc' | wc -l) files" $(PYTHON) -m compileall -q services
+	@echo "compiling its kernels"
 	@$(PYTHON) -m mazebot.embedded.kernels || true
 	@touch $@
 
@@ -69,7 +83,7 @@ up: image ## start the containers of WORLD=enhanced|original|... and follow the 
 	esac
 
 down: ## stop the containers and close their recordings
-	@docker compose --profile original --profile enhanced --profile slam --profile slam-enhanced --profile console down
+	@docker compose --profile original --profile enhanced --profile slam --profile slam-enhanced --profile simulator --profile simulator-enhanced --profile navigation-only --profile console down
 
 goal: $(STAMP) ## send the running robot to GOAL="x y yaw"
 	@.venv/bin/mazebot goal $(GOAL)
@@ -88,16 +102,16 @@ docs: .venv-docs/.installed ## build the site of all pages into site/ (no networ
 	@rm -rf build/pages && mkdir -p build/pages
 	@cp *.md CITATION.cff LICENSE build/pages
 	@cp -r docs examples build/pages
-	@NO_MKDOCS_2_WARNING=1 .venv-docs/bin/mkdocs build --quiet --strict
+	@NO_MKDOCS_2_WARNING=1 $(TELL) "building the site" "" .venv-docs/bin/mkdocs build --quiet --strict
 	@echo "site/index.html: python3 -m http.server --directory site serves it"
 
 .venv-docs/.installed: requirements-docs.lock | $(filter .tools/bin/uv,$(UV))
-	@$(UV) venv --quiet --allow-existing --python 3.11 .venv-docs
-	@$(UV) pip sync --quiet --python .venv-docs/bin/python --require-hashes requirements-docs.lock
+	@$(TELL) "making the environment in .venv-docs" "" $(UV) venv --quiet --allow-existing --python 3.11 .venv-docs
+	@$(call sync,.venv-docs,requirements-docs.lock)
 	@touch $@
 
 test: $(STAMP) ## run the tests: no Docker, no network, no GPU
-	@.venv/bin/pytest -n 2 --dist worksteal -m "not compose and not browser and not slow"
+	@.venv/bin/pytest -n 2 --dist worksteal -m "not compose and not browser and not slow and not ros2"
 
 test-slow: $(STAMP) ## run the long tests: every world driven, two hundred mazes
 	@.venv/bin/pytest -n 2 --dist loadgroup --no-loadscope-reorder -m slow
@@ -107,12 +121,20 @@ test-compose: $(STAMP) ## run the tests of the containers (Docker) and of the vi
 	@.venv/bin/pytest -n 2 --dist loadfile -m "(compose or browser) and not timed" --timeout 900 tests/compose tests/browser
 	@.venv/bin/pytest -n 2 --dist loadfile -m timed --timeout 900 tests/compose
 
+test-ros2: $(STAMP) .venv-ros2/.installed ## run the tests against what others wrote for ROS 2: clients, type hashes
+	@.venv/bin/pytest -n 2 --dist loadfile -m ros2
+
+.venv-ros2/.installed: requirements-ros2.lock | $(filter .tools/bin/uv,$(UV))
+	@$(TELL) "making the environment in .venv-ros2" "" $(UV) venv --quiet --clear --python 3.11 .venv-ros2
+	@$(call sync,.venv-ros2,requirements-ros2.lock)
+	@touch $@
+
 check: $(STAMP) ## lint, check formats, types, imports and generated files
 	@.venv/bin/ruff check $(SOURCES)
 	@.venv/bin/ruff format --check $(SOURCES)
 	@.venv/bin/mypy
 	@.venv/bin/lint-imports
-	@for page in api topics recipes parameters recordings; do \
+	@for page in access api topics recipes parameters recordings; do \
 		.venv/bin/python -m mazebot.cli.pages.$${page}_page | diff - docs/$$page.md \
 			|| { echo "docs/$$page.md is stale: make generate"; exit 1; }; \
 	done
@@ -127,12 +149,14 @@ fix: $(STAMP) ## format, and fix what the linter can
 	@.venv/bin/ruff format $(SOURCES)
 
 generate: $(STAMP) ## regenerate the generated files
-	@for page in api topics recipes parameters recordings; do \
+	@for page in access api topics recipes parameters recordings; do \
 		.venv/bin/python -m mazebot.cli.pages.$${page}_page > docs/$$page.md; \
 	done
 	@for schema in summary series labels; do \
 		.venv/bin/python -m mazebot.cli.pages.run_schemas $$schema > docs/schemas/$$schema.schema.json; \
 	done
+	@.venv/bin/python -m mazebot.recorder.foxglove.layout > .layout.json \
+		&& mv .layout.json services/mazebot/recorder/foxglove/layout.json
 	@.venv/bin/python -m mazebot.embedded.observed_kernels > .kernels.txt \
 		&& mv .kernels.txt services/mazebot/embedded/kernels.txt
 
@@ -141,7 +165,10 @@ lock: $(STAMP) ## resolve the dependencies again
 	@$(UV) pip compile --quiet --universal --generate-hashes --python-version 3.11 --no-header --no-annotate --no-emit-index-url --extra dev -c requirements.lock pyproject.toml -o requirements-dev.lock
 	@$(PYTHON) -c 'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]["docs"], sep="\n")' \
 		| $(UV) pip compile --quiet --universal --generate-hashes --python-version 3.11 --no-header --no-annotate --no-emit-index-url - -o requirements-docs.lock
+	@$(PYTHON) -c 'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["dependency-groups"]["ros2"], sep="\n")' \
+		| $(UV) pip compile --quiet --universal --generate-hashes --python-version 3.11 --no-header --no-annotate --no-emit-index-url - -o requirements-ros2.lock
 	@echo 'uv' | $(UV) pip compile --quiet --universal --generate-hashes --python-version 3.11 --no-header --no-annotate --no-emit-index-url - -o requirements-tools.lock
+	@echo 'cyclonedx-bom==7.5.0' | $(UV) pip compile --quiet --universal --generate-hashes --python-version 3.11 --no-header --no-annotate --no-emit-index-url - -o requirements-sbom.lock
 	@echo 'ir-sim==2.12.0' | $(UV) pip compile --quiet --universal --generate-hashes --python-version 3.11 --no-header --no-annotate --no-emit-index-url - -o requirements-bench.lock
 
 bench: $(STAMP) ## measure speed and memory, beside PyBullet and ir-sim (JSON=bench.json)
@@ -149,12 +176,20 @@ bench: $(STAMP) ## measure speed and memory, beside PyBullet and ir-sim (JSON=be
 	@.venv/bin/python -m mazebot.bench.whole.bench --json $(JSON)
 
 .venv-bench/.installed: requirements-bench.lock | $(filter .tools/bin/uv,$(UV))
-	@$(UV) venv --quiet --allow-existing --python 3.11 .venv-bench
-	@$(UV) pip sync --quiet --python .venv-bench/bin/python --require-hashes requirements-bench.lock
+	@$(TELL) "making the environment in .venv-bench" "" $(UV) venv --quiet --allow-existing --python 3.11 .venv-bench
+	@$(call sync,.venv-bench,requirements-bench.lock)
 	@touch $@
 
 soak: $(STAMP) ## drive an hour of simulated time to random goals (HOURS=1 SEED=7 WORLD=enhanced CAMERA=)
 	@.venv/bin/python -m mazebot.bench.whole.soak --hours $(HOURS) --seed $(SEED) --world $(WORLD) $(if $(CAMERA),--camera)
+
+chaos: $(STAMP) ## kill, freeze and cut off services while the robot drives (SEED=7 TIMES=1 FAULT=kill-physics EXPLORE=1 LINKS=1 CONTAINERS=1)
+	@.venv/bin/python -m mazebot.bench.chaos --seed $(SEED) $(TIMES:%=--times %) $(FAULT:%=--fault %) \
+		$(if $(EXPLORE),--explore) $(if $(LINKS),--links) $(if $(CONTAINERS),--containers) --plot chaos.png --json $(if $(filter file,$(origin JSON)),chaos.json,$(JSON))
+
+fuzz: $(STAMP) ## send malformed messages to every topic, query and service, and to a running stack (SEED=7 CASES=100000 STACK_S=60)
+	@.venv/bin/python -m mazebot.bench.fuzz --seed $(SEED) $(CASES:%=--cases %) $(STACK_S:%=--seconds %) \
+		--json $(if $(filter file,$(origin JSON)),fuzz.json,$(JSON))
 
 seeds: $(STAMP) ## drive the tour of both worlds over ten seeds
 	@.venv/bin/python -m mazebot.bench.whole.seeds
@@ -174,5 +209,5 @@ image: ## build the container image
 	@docker compose build demo-world-enhanced
 
 clean: ## remove the environment and caches; recordings stay
-	@rm -rf .venv .venv-bench .venv-docs .tools build site .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	@rm -rf .venv .venv-bench .venv-docs .venv-ros2 .tools build site .mypy_cache .ruff_cache .pytest_cache .hypothesis .cydr_cache .import_linter_cache
 	@find services tests examples -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -17,12 +17,14 @@ rm -rf pyarrow/include pyarrow/src pyarrow/tests pyarrow/libarrow_flight.* \
 # Each library exists under three names, and only one is used.
 rm -f pyarrow/libarrow_python.so pyarrow/libarrow_python.so.*.*
 
-# rosbags is used only for message types and serialization, not for bags.
-rm -rf apsw lz4 ruamel
+# rosbags is used only for message types and serialization, not for its readers and writers of bags.
+rm -rf apsw ruamel
 
 # Of the notebook package only the viewer for browsers is used, which the console sends compressed.
 rm -f rerun_notebook/asset_server.py rerun_notebook/error_widget.js rerun_notebook/static/widget.css
 gzip -9 -n rerun_notebook/static/re_viewer_bg.wasm rerun_notebook/static/widget.js
+
+rm -rf foxglove/tests foxglove/benchmarks foxglove/notebook
 
 # scipy is used for distances, neighbours, graphs and optimisation.
 rm -rf scipy/stats scipy/io scipy/signal scipy/integrate scipy/interpolate
@@ -32,13 +34,13 @@ find networkx numba numpy scipy shapely -type d -name tests -prune -exec rm -rf 
 find . -name '*.pyi' -delete
 
 # Only these: a wheel's bundled libraries have been rewritten by auditwheel, which strip may break.
-strip --strip-unneeded pybullet.*.so rerun_bindings/*.so llvmlite/binding/*.so zenoh/*.so
+strip --strip-unneeded pybullet.*.so foxglove/*.so rerun_bindings/*.so llvmlite/binding/*.so zenoh/*.so
 if [ -e rerun_cli/rerun ]; then strip --strip-unneeded rerun_cli/rerun; fi
 
 # The remaining packages must still import.
 cd /
 "$1/../../../bin/python" -c '
-import collada, cv2, jinja2, lxml.etree, moderngl, networkx, numba, PIL.Image, pybullet
+import collada, cv2, foxglove.websocket, jinja2, lxml.etree, lz4.frame, moderngl, networkx, numba, PIL.Image, pybullet
 import pydantic_settings, rerun, rosbags.typesys, scipy.ndimage, scipy.sparse.csgraph
 import scipy.optimize, scipy.spatial, shapely, starlette, trimesh, typer, uvicorn
 import websockets, xacro, zenoh

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import gc
 import logging
+import os
 import platform
 import signal
 from collections.abc import Iterator
@@ -22,6 +23,9 @@ settings.load_profile("mazebot")
 _M_TOP_PAD = -2
 """Of mallopt(3): how much the heap grows at a time, and what is left at its end when it shrinks."""
 
+_MOST_ID = 200
+"""Characters or bytes of a parameter that stands in a test's name."""
+
 
 def pytest_configure() -> None:
     """Validate every message of nodes in one process, which a user's run does not. Keep memory that
@@ -29,12 +33,21 @@ def pytest_configure() -> None:
     costs a tenth of all processor time.
     """
     MemoryTransport.checks_messages = True
+    # On a busy machine every command takes long enough to say that it works.
+    os.environ.setdefault("MAZEBOT_PROGRESS", "false")
     if platform.libc_ver()[0] == "glibc":
         ctypes.CDLL(None).mallopt(_M_TOP_PAD, 64 << 20)
     # A shell starts what runs in its background with SIGINT ignored, and so would every program be
     # that a test ends by Ctrl-C.
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_make_parametrize_id(val: object, argname: str) -> str | None:
+    """A value of megabytes is no name: workers and reports would carry it about."""
+    if isinstance(val, bytes | str) and len(val) > _MOST_ID:
+        return f"{argname} of {len(val)}"
+    return None
 
 
 def pytest_collection_finish() -> None:

@@ -155,13 +155,16 @@ def test_who_moved_into_whom() -> None:
         assert course.witness.contacts
         assert course.witness.contacts[0].body == "box"
         assert all(one.by_robot for one in course.witness.contacts)
-    with Course("test", two_rooms(), 0, options) as course:
+    stays = options.with_settings({"navigation": {"giving_way": {"enabled": False}}})
+    with Course("test", two_rooms(), 0, stays) as course:
         at = course.pose
-        assert course.put_post("post", (at.x_m + 0.8, 0.0), [(at.x_m - 0.5, 0.0)], 0.3, False, 0.1)
-        course.run_for(3.0)
+        course.put_box("box", at @ SE2(-0.35, 0.0, 0.0), (0.1, 0.5))
+        assert course.put_post("post", (at.x_m + 0.8, 0.0), [(at.x_m - 0.05, 0.0)], 0.3, False, 0.1)
+        course.run_for(3.5)
         assert course.witness.contacts
         assert course.witness.contacts[0].body == "post"
-        assert not course.witness.contacts[0].by_robot
+        assert {one.body for one in course.witness.contacts} == {"post", "box"}
+        assert not any(one.by_robot for one in course.witness.contacts), "it stands, and is pushed"
 
 
 def test_places_named_in_a_text_are_found() -> None:

@@ -195,6 +195,24 @@ def test_a_reset_without_a_tour_begins_none(caplog: pytest.LogCaptureFixture) ->
     assert "tour" not in caplog.text
 
 
+def test_without_a_tour_it_ends_once_time_passes_in_the_world(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    caplog.set_level(logging.INFO)
+    stage = Stage(BringupConfig(world_name="tiny", drive=False))
+    assert stage.node.waiting_for() == "the world"
+    stage.now_ns = -2 * STEP_NS
+    stage.bring_up()
+    assert (stage.node.exit_code, stage.node.waiting_for()) == (None, "the simulation")
+    stage.step()
+    assert (stage.node.exit_code, stage.node.waiting_for()) == (0, None)
+    stage.now_ns = 0
+    stage.step()
+    assert stage.node.exit_code == 0
+    assert not stage.goals()
+    assert "tour" not in caplog.text
+
+
 def test_a_goal_that_its_world_took_away_is_driven_to_again(stage: Stage) -> None:
     stage.bring_up()
     stage.answer(error_code=9011)

@@ -36,6 +36,23 @@ worl list : worl|world
 --verison : --verison|--version
 sim stpe : stpe|step
 sim nope : nope|pause
+keys mak : mak|make
+keys make --keys file.txt : file.txt|must be a folder
+keys list --keys '' : --keys|empty
+keys list --keys file.txt : file.txt|must be a folder
+keys add : NAME
+keys add Anna : Anna|lower-case
+keys add ../anna : ../anna|lower-case
+keys add anna --role king : king|operator
+keys add physics : physics|service
+keys revoke bob : bob|has no key
+keys rotate bob : bob|has no key
+security matrix extra : extra
+security explain bob /cmd_vel : bob|operator
+security explain viewer /cmd_vl : /cmd_vl|must be a topic
+security explain viewer a//b : a//b|key expression
+security explain viewer /cmd_vel drive : drive|put, subscribe
+up --keys file.txt : file.txt|must be a folder
 topic ech : ech|echo
 world chekc : chekc|check
 recordings lst : lst|list
@@ -60,6 +77,7 @@ demo --renderer GL : --renderer|GL
 demo --camera=no : --camera
 demo --console-port 8080 : --console-port|--console
 demo --router-port 7447 : --router-port|--console
+console --login maybe : login|maybe|'auto'
 up --world orignal : --world|orignal|did you mean original?
 up --only navigatin : --only|navigatin|did you mean navigation?
 up --router-port 0 : --router-port|0
@@ -300,6 +318,9 @@ topic list 3 : 3
 topic list --connect tcp/127.0.0.1:1 : tcp/127.0.0.1:1
 topic info : TOPIC
 topic info /scna : /scna|/scan
+doctor : --ros|must be given
+doctor --rso : --rso|--ros
+doctor --ros extra : extra
 topic hz /nope : /nope|/scan
 topic hz '' : empty
 topic hz /scan --window 0 : --window|0|0.5
@@ -702,7 +723,8 @@ def test_there_are_two_hundred_of_them_over_all_commands() -> None:
     tried = {" ".join(given.split()[:2]) for given, _ in rows(COMMANDS)}
     tried |= {given.split()[0] for given, _ in rows(COMMANDS)}
     # `check` lists what is wrong, a line each; `resume` is `pause`.
-    left_out = {"world check", "sim resume", "topic", "world", "sim", "recordings", "markers"}
+    left_out = {"world check", "sim resume", "topic", "world", "sim", "recordings", "markers",
+                "keys", "security"}  # fmt: skip
     root: Any = typer.main.get_command(app)
     for name, command in root.commands.items():
         for path in (name, *(f"{name} {inner}" for inner in getattr(command, "commands", ()))):

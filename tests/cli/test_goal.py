@@ -30,6 +30,7 @@ from mazebot.common.messages.documents import (
     SimulationControlReply,
     SimulationStats,
 )
+from mazebot.common.messages.keys import DEFAULT_KEYS
 from mazebot.common.messages.topics import (
     CANCEL_GOAL,
     CMD_VEL,
@@ -42,7 +43,6 @@ from mazebot.common.messages.wire import (
     decode_document,
     encode,
     encode_document,
-    key_from_topic,
 )
 from mazebot.common.node.node import Envelope
 from tests.cli.test_app import assert_one_line, mazebot
@@ -83,7 +83,7 @@ class Navigation:
                 said = respond(decode_document(query.request, data))
                 asked.reply(asked.key_expr, encode_document(said))
 
-        return self.session.declare_queryable(key_from_topic(query), answer)
+        return self.session.declare_queryable(DEFAULT_KEYS.of_query(query), answer)
 
     def _take_goal(self, payload: bytes, _: Envelope) -> None:
         self.goals.append(decode(GOAL_POSE, payload))

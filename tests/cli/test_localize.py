@@ -163,7 +163,7 @@ class TestMistakes:
     def test_a_file_that_is_no_mcap(self, drive: Drive, tmp_path: Path) -> None:
         log = tmp_path / "log.mcap"
         log.write_bytes(b"nothing of the kind")
-        assert "is not a readable MCAP file" in wrong(drive, "--log", str(log))
+        assert "is neither MCAP nor SQLite" in wrong(drive, "--log", str(log))
 
     @pytest.mark.parametrize(
         ("options", "said"),

@@ -274,7 +274,8 @@ class TestKinds:
     def test_other_files_say_what_they_are(self, tmp_path: Path) -> None:
         path = tmp_path / "some.file"
         for content, said in (
-            (b"SQLite format 3\0 and so on", "must be the folder"),
+            (b"SQLite format 3\0 and so on", "is not a readable bag: file is not a database"),
+            (b"\x89MCAP", "is not a readable bag: not an MCAP file"),
             (b"#ROSBAG V2.0\n", "rosbags-convert"),
             (b"\0\1\2\3", "FLASER or ROBOTLASER1"),
             (b"\x1f\x8b not packed", "corrupt gzip"),
@@ -363,7 +364,10 @@ class TestBags:
         # Its metadata.yaml still speaks of the whole file.
         file.write_bytes(whole[: len(whole) // 2])
         assert len(steps_of(read_log(bag, ScanForm()))) > 0
-        assert "metadata.yaml is of no use" in capsys.readouterr().err
+        assert f"{file}: is cut: read as far as it goes" in capsys.readouterr().err
+        file.rename(bag / "other.mcap")
+        assert len(steps_of(read_log(bag, ScanForm()))) > 0
+        assert f"metadata.yaml names {file.name}, missing here" in capsys.readouterr().err
 
     def test_odometry_of_tf_and_a_topic_of_another_name(self, tmp_path: Path) -> None:
         store = msg.TYPESTORE
@@ -387,4 +391,7 @@ class TestBags:
         ways = [entry.odom_from_base.x_m for entry in log.entries if entry.odom_from_base]
         assert ways == pytest.approx([0.0, 0.5, 1.0, 1.5])
         assert len(scans(log)) == 4
-        assert "--scan-topic must be one of its topics: /front, /tf" in refused(bag)
+        assert (
+            "has no sensor_msgs/msg/LaserScan on /scan: --scan-topic must be one of its /front"
+            in (refused(bag))
+        )

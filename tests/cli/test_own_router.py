@@ -22,8 +22,8 @@ from mazebot.common.bus.session import open_session
 from mazebot.common.client.over_zenoh import ZenohRobot
 from mazebot.common.client.subscription import Subscription
 from mazebot.common.config import ConfigError
-from mazebot.common.messages import wire
 from mazebot.common.messages.documents import SimulationControl, SimulationStats
+from mazebot.common.messages.keys import DEFAULT_KEYS
 from mazebot.common.messages.topics import (
     DIAGNOSTICS,
     GOAL_POSE,
@@ -179,7 +179,7 @@ def test_what_a_tool_sends_is_checked_and_counted(bus: OwnRouter, run: Run) -> N
         return dict(navigation.counts[GOAL_POSE.name].rejected)
 
     try:
-        key = wire.key_from_topic(GOAL_POSE)
+        key = DEFAULT_KEYS.of_topic(GOAL_POSE)
         session.put(
             key, b"no pose", attachment=pack_attachment(GOAL_POSE, Envelope("0" * 32, 0, 0, ""))
         )

@@ -8,15 +8,25 @@ import pty
 import re
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
 import pytest
 
-from mazebot.cli.parsing.patience import patience, say_first
+from mazebot.cli.__main__ import GROUPS, named
+from mazebot.cli.app import app
+from mazebot.cli.drive.progress import ProgressLine
+from mazebot.cli.parsing.patience import patience, say_first, wait_quietly
 from mazebot.cli.replay.progress import shown
 from tests.cli.stack.running import wait_until
 from tests.cli.test_app import mazebot
+
+
+@pytest.fixture(autouse=True)
+def progress(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As a person has it, unlike the other tests."""
+    monkeypatch.delenv("MAZEBOT_PROGRESS")
 
 
 class Terminal(io.StringIO):
@@ -33,7 +43,8 @@ def a_terminal(monkeypatch: pytest.MonkeyPatch) -> Terminal:
     stream = Terminal()
     monkeypatch.setattr("sys.stdout", stream)
     monkeypatch.setattr("sys.stderr", stream)
-    monkeypatch.setattr("mazebot.cli.parsing.patience._PERIOD_S", 0.01)
+    for name in ("_PERIOD_S", "_LINE_PERIOD_S", "_SILENCE_S"):
+        monkeypatch.setattr(f"mazebot.cli.parsing.patience.{name}", 0.05)
     return stream
 
 
@@ -68,6 +79,35 @@ def test_the_time_that_it_has_worked_is_told(
     assert screen(terminal.getvalue()) == [""]
 
 
+def test_after_a_first_line_a_silence_is_broken_as_well(monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = a_terminal(monkeypatch)
+    with patience("mazebot replay"):
+        say_first("reading a run")
+        assert screen(terminal.getvalue()) == ["reading a run", ""]
+        wait_until(lambda: "replay: working" in terminal.getvalue())
+        sys.stdout.write("all well\n")
+    assert screen(terminal.getvalue()) == ["reading a run", "all well", ""]
+
+
+def test_a_line_that_has_not_ended_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = a_terminal(monkeypatch)
+    with patience("mazebot recordings delete"):
+        sys.stdout.write("Delete it? [y/N]: ")
+        time.sleep(0.2)
+    assert terminal.getvalue() == "Delete it? [y/N]: "
+
+
+def test_a_command_that_waits_for_others_shows_nothing_more(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    terminal = a_terminal(monkeypatch)
+    with patience("mazebot console"):
+        sys.stdout.write("open http://localhost:8080\n")
+        wait_quietly()
+        time.sleep(0.2)
+    assert terminal.getvalue() == "open http://localhost:8080\n"
+
+
 def test_a_quick_command_shows_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
     terminal = a_terminal(monkeypatch)
     with patience("mazebot ps"):
@@ -75,14 +115,50 @@ def test_a_quick_command_shows_nothing_else(monkeypatch: pytest.MonkeyPatch) -> 
     assert terminal.getvalue() == "service\n"
 
 
-def test_a_file_gets_the_output_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    stream = io.StringIO()
-    monkeypatch.setattr("sys.stdout", stream)
-    monkeypatch.setattr("sys.stderr", stream)
+def test_a_pipe_gets_lines_on_standard_error_and_the_output_alone_on_the_other(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    a_terminal(monkeypatch)
+    out, err = io.StringIO(), io.StringIO()
+    monkeypatch.setattr("sys.stdout", out)
+    monkeypatch.setattr("sys.stderr", err)
+    with patience("mazebot goal"):
+        wait_until(lambda: err.getvalue().count("\n") >= 2)
+        with ProgressLine(wanted=False) as line:
+            line.show("0.5 m left")
+            wait_until(lambda: "left" in err.getvalue())
+        sys.stdout.write("reached\n")
+    lines = err.getvalue().splitlines()
+    assert lines[0] == "mazebot goal: working"
+    assert "mazebot goal: 0.5 m left" in lines
+    assert out.getvalue() == "reached\n"
+
+
+def test_a_reader_that_has_gone_does_not_end_a_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Gone(io.StringIO):
+        def write(self, text: str) -> int:
+            raise BrokenPipeError
+
+    monkeypatch.setattr("sys.stderr", Gone())
+    before = threading.active_count()
     with patience("mazebot plan"):
+        wait_until(lambda: threading.active_count() == before)
+        sys.stdout.write("length 3 m\n")
+
+
+def test_nothing_is_shown_below_what_a_shell_completes(monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = a_terminal(monkeypatch)
+    monkeypatch.setenv("_MAZEBOT_COMPLETE", "complete_bash")
+    with patience("mazebot"):
         time.sleep(0.2)
-        assert sys.stdout is stream
-    assert stream.getvalue() == ""
+    assert terminal.getvalue() == ""
+
+
+def test_a_command_is_named_with_its_group() -> None:
+    assert {group.name for group in app.registered_groups} == set(GROUPS)
+    assert named(["x/mazebot", "map", "build", "--log"]) == "mazebot map build"
+    assert named(["mazebot", "demo", "original"]) == "mazebot demo"
+    assert named(["mazebot", "--version"]) == "mazebot"
 
 
 def test_the_first_line_is_for_people(capsys: pytest.CaptureFixture[str]) -> None:
@@ -107,14 +183,35 @@ def test_a_long_command_says_at_once_what_it_does(
     assert mazebot(*words).stdout == f"{first}\n"
 
 
-def test_a_replay_tells_a_file_how_far_it_is(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("mazebot.cli.replay.progress._LINE_PERIOD_S", 0.0)
-    for lines, said in ((True, "replay: 2.0 of 8.0 s\n"), (False, "")):
-        with shown(1_000_000_000, 9_000_000_000, lines) as watch:
-            watch(3_000_000_000)
-        assert capsys.readouterr().err == said
+def test_a_replay_tells_a_file_how_far_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    a_terminal(monkeypatch)
+    err = io.StringIO()
+    monkeypatch.setattr("sys.stderr", err)
+    with patience("mazebot replay"), shown(1_000_000_000, 9_000_000_000) as watch:
+        watch(3_000_000_000)
+        wait_until(lambda: "mazebot replay: 2.0 of 8.0 s replayed\n" in err.getvalue())
+
+
+def test_a_command_in_a_pipe_is_seen_before_it_has_loaded_anything() -> None:
+    script = (
+        "import sys\n"
+        "from mazebot.cli.parsing import patience\n"
+        "patience._LINE_AFTER_S = 0.0\n"
+        "import threading\n"
+        "show = patience._Line._show\n"
+        "def shown(*given):\n"
+        "    print(any('typer' in name for name in sys.modules), file=sys.__stdout__)\n"
+        "    return show(*given) and False\n"
+        "patience._Line._show = shown\n"
+        "from mazebot.cli.__main__ import main\n"
+        "sys.argv = ['mazebot', '--version']\n"
+        "main()\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=60.0
+    )
+    assert done.stdout.splitlines()[0] == "False"
+    assert done.stderr == "mazebot: working\n"
 
 
 def test_a_command_on_a_terminal_is_seen_before_its_result(tmp_path: Path) -> None:

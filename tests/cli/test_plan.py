@@ -59,7 +59,7 @@ def test_the_answer_for_programs(tmp_path: Path) -> None:
         ("9,9", (), 204, "lies outside the map"),
         ("1.5,-1", (), 206, "the nearest free pose is"),
         ("3.5,0.75", ("--radius", "0.1"), 208, "unknown space"),
-        ("3,-1", ("--radius", "0.7"), 208, "blocked at"),
+        ("3,-1", ("--radius", "0.7"), 208, "too narrow at"),
     ],
 )
 def test_why_there_is_no_path(

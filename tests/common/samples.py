@@ -133,6 +133,13 @@ WORLD = doc.World(
 )  # fmt: skip
 REQUEST = doc.WorldRequest(world_name="tiny", overrides=("maze.seed=3",))
 
+BODY = doc.BodyCheckpoint(
+    name="ball",
+    position_m=(1.0, 2.0, 0.1),
+    orientation_xyzw=(0.0, 0.0, 0.0, 1.0),
+    velocity_m_s=(0.1, 0.0, 0.0),
+    angular_velocity_rad_s=(0.0, 0.0, 0.1),
+)
 SAMPLES: dict[Topic[Any], Any] = {
     table.CLOCK: msg.Clock(msg.time_from_ns(STAMP_NS)),
     table.WORLD_REQUEST: REQUEST,
@@ -167,6 +174,18 @@ SAMPLES: dict[Topic[Any], Any] = {
         np.array([1.0, np.inf], np.float32),
         np.zeros(0, np.float32),
     ),
+    table.DEPTH_SCAN: msg.LaserScan(
+        HEADER,
+        msg.float32(-0.5),
+        msg.float32(0.5),
+        msg.float32(0.5),
+        0.0,
+        0.0,
+        msg.float32(0.27),
+        3.5,
+        np.array([1.0, np.inf, -np.inf], np.float32),
+        np.zeros(0, np.float32),
+    ),
     table.CAMERA_IMAGE: msg.Image(HEADER, 2, 3, "rgb8", 0, 9, np.arange(18, dtype=np.uint8)),
     table.CAMERA_COMPRESSED: msg.CompressedImage(HEADER, "jpeg", np.arange(9, dtype=np.uint8)),
     table.DEPTH_IMAGE: msg.Image(
@@ -190,6 +209,31 @@ SAMPLES: dict[Topic[Any], Any] = {
         renderer="none",
         state_hash="cd",
     ),
+    table.SIMULATION_CHECKPOINT: doc.SimulationCheckpoint(
+        world_hash="ab",
+        epoch=2,
+        run_epoch=1,
+        seed=7,
+        iterations=240,
+        paused=False,
+        speed=1.0,
+        robot=BODY,
+        wheel_angles_rad=(1.0, 2.0),
+        odom_from_base=PLANAR,
+        odom_covariance=(1e-4, 0.0, 0.0, 1e-4, 0.0, 1e-5),
+        movers=(BODY,),
+    ),
+    table.LOCALIZATION_CHECKPOINT: doc.LocalizationCheckpoint(
+        world_hash="ab",
+        epoch=1,
+        state="localized",
+        odom_from_base=PLANAR,
+        map_from_base=PLANAR,
+        covariance=(1e-4, 0.0, 0.0, 1e-4, 0.0, 1e-5),
+    ),
+    table.NAVIGATION_CHECKPOINT: act.NavigationCheckpoint(
+        world_hash="ab", epoch=1, goal=act.NavigateToPose(pose=PLANAR), goal_id="a", start_ns=5
+    ),
     table.DETECTIONS: DETECTIONS,
     table.MAP_DETECTIONS: DETECTIONS,
     table.INITIAL_POSE: msg.PoseWithCovarianceStamped(
@@ -202,6 +246,14 @@ SAMPLES: dict[Topic[Any], Any] = {
     table.PARTICLE_CLOUD: msg.PoseArray(HEADER, [POSE, POSE]),
     table.GLOBAL_COSTMAP: GRID,
     table.LOCAL_COSTMAP: GRID,
+    table.PUBLISHED_FOOTPRINT: msg.PolygonStamped(
+        HEADER,
+        msg.Polygon([msg.Point32(x, y, 0.0) for x, y in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))]),
+    ),
+    table.ROBOT_DESCRIPTION: msg.String(data="<robot name='waffle'/>"),
+    table.ENTITY_MARKERS: msg.marker_array(
+        [msg.line_strip(STAMP_NS, "map", "box", 1, np.zeros((3, 3)), 1.0, (1.0, 0.5, 0.0, 1.0))]
+    ),
     table.KEEPOUT_FILTER_MASK: GRID,
     table.SPEED_FILTER_MASK: GRID,
     table.CMD_VEL_TELEOP: msg.TwistStamped(HEADER, TWIST),
@@ -344,5 +396,6 @@ SAMPLES: dict[Topic[Any], Any] = {
     table.DIAGNOSTICS: msg.DiagnosticArray(
         HEADER, [msg.DiagnosticStatus(0, "physics", "ok", "", [msg.KeyValue("a", "b")])]
     ),
+    table.PARAMETER_EVENTS: msg.ParameterEvent(HEADER.stamp, "/navigation", [], [], []),
     table.ROSOUT: msg.Log(HEADER.stamp, 20, "bringup", "hello", "a.py", "f", 3),
 }

@@ -56,6 +56,7 @@ class Stack:
         self.folder = folder
         self.uid = uid
         self.router_port, self.viewer_port, self.data_port = free_port(), free_port(), free_port()
+        self.foxglove_port = free_port()
         self.console_port = free_port()
         self._environment = {
             "PATH": os.environ["PATH"],
@@ -82,6 +83,7 @@ class Stack:
             "MAZEBOT_VIEWER_PORT": str(self.viewer_port),
             "MAZEBOT_VIEWER_DATA_PORT": str(self.data_port),
             "MAZEBOT_CONSOLE_PORT": str(self.console_port),
+            "MAZEBOT_FOXGLOVE_PORT": str(self.foxglove_port),
         }
 
     @property

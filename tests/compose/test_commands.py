@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
 import subprocess
 from collections.abc import Iterator
+from importlib.metadata import version as version_of
 
 import pytest
 
@@ -67,6 +69,69 @@ def test_the_name_of_what_one_starts_builds_the_image(name: str) -> None:
     assert steps
     cached = set(re.findall(r"^#(\d+) CACHED$", built.stdout, re.MULTILINE))
     assert {step: steps[step] for step in steps.keys() - cached} == {}
+
+
+IN_IMAGE = """
+import json, os, shutil, stat
+programs = ("sh", "bash", "perl", "apt-get", "dpkg", "pip", "pip3", "su", "mount", "curl", "wget")
+risen = []
+for top in ("/bin", "/etc", "/home", "/lib", "/opt", "/sbin", "/srv", "/usr", "/var"):
+    for folder, _, names in os.walk(top):
+        for path in (os.path.join(folder, name) for name in names):
+            mode = os.lstat(path).st_mode
+            if stat.S_ISREG(mode) and mode & (stat.S_ISUID | stat.S_ISGID):
+                risen.append(path)
+print(json.dumps([[one for one in programs if shutil.which(one)], risen, os.listdir("/usr/bin")]))
+"""
+
+
+def run_in_image(*command: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        ["docker", "run", "--rm", "--read-only", "--tmpfs", "/tmp", "mazebot", *command],
+        capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+
+
+def test_there_is_no_shell_in_the_image_and_nothing_that_makes_a_program_another_user_s() -> None:
+    programs, risen, kept = json.loads(run_in_image("python", "-c", IN_IMAGE).stdout)
+    assert (programs, risen) == ([], [])
+    assert {name for name in kept if not name.startswith("python3")} <= {"tini"}
+    unknown = run_in_image("sh")
+    assert unknown.returncode == 127
+    assert unknown.stderr == "error: sh: No such file or directory\n"
+
+
+def test_the_image_says_what_it_is_made_of() -> None:
+    bill = json.loads(run_in_image("sbom").stdout)
+    of_debian = {one["name"] for one in bill["components"] if one["purl"].startswith("pkg:deb/")}
+    parts = {
+        one["name"].lower().replace("_", "-"): one
+        for one in bill["components"]
+        if one["purl"].startswith("pkg:pypi/")
+    }
+    locked = re.findall(
+        r"^([\w.-]+)==(\S+)", (ROOT / "requirements.lock").read_text(), re.MULTILINE
+    )
+    for name, version in locked:
+        part = parts.get(name)
+        # Some are for other systems.
+        assert part is None or part["version"] == version, name
+    assert {"eclipse-zenoh", "numpy", "pybullet", "rerun-sdk"} <= parts.keys()
+    assert {"libc6", "tini"} <= of_debian
+    assert bill["metadata"]["component"]["name"] == "mazebot"
+    assert not [
+        reference
+        for one in bill["components"]
+        for reference in one.get("externalReferences", ())
+        if reference["type"] == "distribution"
+    ]
+    inspected = subprocess.run(
+        ["docker", "image", "inspect", "--format", "{{json .Config.Labels}}", "mazebot"],
+        capture_output=True, text=True, timeout=60, check=True,
+    )  # fmt: skip
+    labels = json.loads(inspected.stdout)
+    assert labels["org.opencontainers.image.version"] == version_of("mazebot")
+    assert labels["org.opencontainers.image.version"] == bill["metadata"]["component"]["version"]
 
 
 def test_the_tutorial_s_commands_word_for_word(stack: Stack) -> None:

@@ -164,7 +164,7 @@ def test_only_the_loopback_has_ports(tour: Tour) -> None:
     stack = tour.stack
     assert {name: ports for name, ports in published.items() if ports} == {
         "router": [stack.router_port],
-        "recorder": sorted([stack.viewer_port, stack.data_port]),
+        "recorder": sorted([stack.viewer_port, stack.data_port, stack.foxglove_port]),
     }
     for port in (stack.router_port, stack.viewer_port, stack.data_port):
         with socket.create_connection(("127.0.0.1", port), timeout=5.0):
@@ -236,11 +236,13 @@ def test_a_second_world_is_refused_and_the_first_goes_on(tour: Tour, witness: Wi
     # What it says of its own stopping may come before or after the reason.
     told = [line for line in words.splitlines() if "didn't complete successfully" in line]
     assert told
-    assert "demo-world-is-refused-if-another-world-runs" in told[-1]
+    assert "demo-world-refused.another-world-runs.docker-compose-down-ends-it" in told[-1]
     assert "Traceback" not in refused.stdout
     reasons = [
         line
-        for line in tour.stack.logs("demo-world-is-refused-if-another-world-runs").splitlines()
+        for line in tour.stack.logs(
+            "demo-world-refused.another-world-runs.docker-compose-down-ends-it"
+        ).splitlines()
         if line.startswith("[ERROR]")
     ]
     assert len(reasons) == 1
@@ -250,15 +252,23 @@ def test_a_second_world_is_refused_and_the_first_goes_on(tour: Tour, witness: Wi
     wait_until(lambda: len(witness.seen) > before + 30, 10.0, "the simulation to go on")
 
 
-def test_a_killed_navigation_stops_the_robot_and_comes_back(
-    tour: Tour, witness: Witness, measured: Measured
-) -> None:
+def killed_while_driving(
+    tour: Tour, witness: Witness, measured: Measured, service: str
+) -> tuple[float, float]:
+    """Kill a service while the robot drives: the times (s) of that and of the robot at rest."""
     wait_until(witness.driving, 60.0, "the robot to drive")
-    killed_s = tour.stack.kill("navigation")
+    killed_s = tour.stack.kill(service)
     wait_until(lambda: witness.rest_after(killed_s) is not None, 5.0, "the robot to stand still")
     rest_s = witness.rest_after(killed_s)
     assert rest_s is not None
-    measured("navigation killed to robot at rest", rest_s - killed_s)
+    measured(f"{service} killed to robot at rest", rest_s - killed_s)
+    return killed_s, rest_s
+
+
+def test_a_killed_navigation_stops_the_robot_and_comes_back(
+    tour: Tour, witness: Witness, measured: Measured
+) -> None:
+    killed_s, rest_s = killed_while_driving(tour, witness, measured, "navigation")
     wait_until(
         lambda: witness.appeared_after("navigation", killed_s) is not None, 20.0, "navigation"
     )
@@ -269,6 +279,16 @@ def test_a_killed_navigation_stops_the_robot_and_comes_back(
     measured("navigation killed to robot driving again", time.monotonic() - killed_s)
     assert rest_s - killed_s <= 0.4
     assert back_s - killed_s <= 5.0
+
+
+def test_a_killed_localization_stops_the_robot_which_then_drives_on(
+    tour: Tour, witness: Witness, measured: Measured
+) -> None:
+    killed_s, rest_s = killed_while_driving(tour, witness, measured, "localization")
+    wait_until(witness.driving, 60.0, "the robot to drive again")
+    measured("localization killed to robot driving again", time.monotonic() - killed_s)
+    # The drive's own ramp from full speed takes 0.45 s of it.
+    assert rest_s - killed_s <= 0.7
 
 
 def test_the_tour_ends_with_its_table(tour: Tour) -> None:

@@ -18,6 +18,10 @@ NAMES = ["router", *(service for service in SERVICES if service != "bringup")]
 MAPPERS = {"mapping", "explorer"}
 OURS = [name for name in STANZAS if name != "nothing-named"]
 PROFILES = {"original", "enhanced", "slam", "slam-enhanced"}
+SIMULATORS = {"simulator": "original", "simulator-enhanced": "enhanced"}
+"""Each with the profile of the demo in the same world."""
+NAVIGATION = "navigation-only"
+SIMULATION = {"worldgen", "physics", "spawner", "perception"}
 WRITERS = {"recorder", "console"}
 """They write into the folder of recordings, as its owner."""
 DEMOS = {
@@ -30,7 +34,7 @@ DEMOS = {
 
 def gate_of(demo: str) -> str:
     """The stanza that fails instead of a demo while another world runs."""
-    return f"{demo}-is-refused-if-another-world-runs"
+    return f"{demo}-refused.another-world-runs.docker-compose-down-ends-it"
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -40,9 +44,11 @@ def test_each_service_has_a_stanza_that_runs_it_in_its_profiles(name: str) -> No
     if name in MAPPERS:
         assert set(stanza["profiles"]) == {"slam", "slam-enhanced"}
     elif name == "localization":
-        assert set(stanza["profiles"]) == {"original", "enhanced"}
+        assert set(stanza["profiles"]) == {"original", "enhanced", NAVIGATION}
     else:
-        assert set(stanza["profiles"]) == PROFILES
+        simulators = set() if name == "navigation" else SIMULATORS.keys()
+        others = set() if name in SIMULATION else {NAVIGATION}
+        assert set(stanza["profiles"]) == PROFILES | simulators | others
     assert stanza["restart"] == "unless-stopped"
     assert stanza["healthcheck"]["test"][-1] == name
 
@@ -69,6 +75,24 @@ def test_each_demo_needs_every_service() -> None:
         assert set(stanza["depends_on"]) == needed
         slam = stanza["environment"].get("MAZEBOT_BRINGUP_SLAM")
         assert slam == ("True" if profile.startswith("slam") else None)
+
+
+@pytest.mark.parametrize("name", SIMULATORS)
+def test_a_simulator_is_a_world_in_which_nobody_localises_or_drives(name: str) -> None:
+    stanza = STANZAS[name]
+    demo = STANZAS[DEMOS[SIMULATORS[name]]]
+    assert stanza["profiles"] == [name]
+    assert stanza["command"] == demo["command"]
+    assert stanza["environment"] == demo["environment"] | {"MAZEBOT_BRINGUP_DRIVE": "False"}
+    assert set(stanza["depends_on"]) == {"router", "recorder", *SIMULATION, gate_of(name)}
+    gate = STANZAS[gate_of(name)]
+    assert gate["environment"] == STANZAS[gate_of(DEMOS[SIMULATORS[name]])]["environment"]
+
+
+def test_navigation_comes_up_alone() -> None:
+    stanza = STANZAS[NAVIGATION]
+    assert stanza["profiles"] == [NAVIGATION]
+    assert set(stanza["depends_on"]) == {"router", "localization", "navigation", "recorder"}
 
 
 def test_a_demo_asks_for_any_world_with_anything_put_over_it() -> None:
@@ -108,11 +132,13 @@ def test_worlds_and_textures_are_the_image_s_or_one_s_own(
 @pytest.mark.parametrize("name", OURS)
 def test_each_stanza_is_hardened(name: str) -> None:
     stanza = STANZAS[name]
-    assert set(stanza["profiles"]) <= {*PROFILES, "console"}
+    assert set(stanza["profiles"]) <= {*PROFILES, *SIMULATORS, NAVIGATION, "console"}
     assert stanza["image"] == "mazebot"
     assert stanza["read_only"] is True
     assert stanza["cap_drop"] == ["ALL"]
     assert stanza["security_opt"] == ["no-new-privileges:true"]
+    # Else Docker lets a service swap as much again.
+    assert stanza["memswap_limit"] == stanza["mem_limit"]
     assert all(port.startswith("127.0.0.1:") for port in stanza.get("ports", ()))
     assert "edge" not in stanza["networks"] or name in ("router", *WRITERS)
     assert name in WRITERS or stanza["user"] == "10001:10001"
@@ -120,7 +146,7 @@ def test_each_stanza_is_hardened(name: str) -> None:
 
 def test_what_a_person_builds_by_name_builds_the_image_and_nobody_looks_elsewhere() -> None:
     builders = {name for name in OURS if "build" in STANZAS[name]}
-    assert builders == {*DEMOS.values(), "console"}
+    assert builders == {*DEMOS.values(), *SIMULATORS, NAVIGATION, "console"}
     assert all(STANZAS[name]["build"] == FILE["x-build"] for name in builders)
     assert {STANZAS[name]["pull_policy"] for name in OURS} == {"never"}
     # Two builders in one `up` give two images of the same content, and the next `up` starts anew.

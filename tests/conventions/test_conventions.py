@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel
 
+from mazebot.cli.pages.access_page import access_page
 from mazebot.cli.pages.api_page import api_page
 from mazebot.cli.pages.parameters_page import CONFIGS, parameters_page, unit_and_meaning
 from mazebot.cli.pages.recipes_page import recipes_page
@@ -68,7 +69,8 @@ def test_the_table_of_topics_is_sound() -> None:
         assert re.fullmatch(r"(/[a-z][a-z0-9_]*)+", topic.name), topic.name
         assert topic.owners, f"{topic.name}: name an owner"
         assert set(topic.owners) <= {*SERVICES, EDGE}, f"{topic.name}: unknown owner"
-        assert set(topic.readers) <= set(SERVICES), f"{topic.name}: unknown reader"
+        assert {*topic.readers, *topic.keepers} <= set(SERVICES), f"{topic.name}: unknown reader"
+        assert not topic.keepers or topic.returned, f"{topic.name}: kept for nobody"
         # Of what several write, one may read what the others have written.
         assert len(topic.owners) > 1 or not set(topic.owners) & set(topic.readers), topic.name
         assert topic.rate_hz is None or topic.rate_hz > 0
@@ -135,6 +137,7 @@ def test_tests_do_not_sleep() -> None:
     ("name", "page"),
     [
         ("api.md", api_page),
+        ("access.md", access_page),
         ("topics.md", topics_page),
         ("recipes.md", recipes_page),
         ("parameters.md", parameters_page),

@@ -128,12 +128,14 @@ def test_what_is_compiled_is_told_and_never_compiled_again(tmp_path: Path) -> No
     assert sorted(tmp_path.rglob("*.nb?")) == compiled
 
 
+@pytest.mark.slow
 def test_who_stops_while_kernels_are_compiled_leaves_no_process(tmp_path: Path) -> None:
     *_, last, children = run(EXPONENTIAL, tmp_path, "stopped")
     assert (last, children) == ("stopped", "children: ")
     assert run(EXPONENTIAL, tmp_path)[-2] == "[1.]"
 
 
+@pytest.mark.slow
 def test_two_at_once_do_not_harm_each_other(tmp_path: Path) -> None:
     both = [start(EXPONENTIAL, tmp_path, "all") for _ in range(2)]
     for one in both:

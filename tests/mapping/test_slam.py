@@ -302,6 +302,25 @@ def test_scans_far_apart_close_their_loops_whatever_the_clock_says(scan_s: float
     assert np.mean(off) < 0.1
 
 
+@pytest.mark.parametrize(("apart", "noise", "seed"), [(18, 0.03, 3), (30, 0.02, 2)])
+def test_wheels_that_once_turn_far_more_than_usual_are_overruled_by_the_scan(
+    apart: int, noise: float, seed: int
+) -> None:
+    # A scan each 1.1 or 1.8 m; the heading errs by 0.15 or 0.1 rad a square root metre.
+    steps = log(office(), office_way(), SICK, slip=0.02, noise_m_per_sqrt_m=noise, seed=seed)
+    steps = [
+        dataclasses.replace(step, stamp_ns=(i + 1) * 10**9) for i, step in enumerate(steps[::apart])
+    ]
+    assert drifted(steps, steps[0].true) > 5.0
+    slam = slam_of(steps, lidar=SICK)
+    assert slam.loops >= 1
+    assert slam.jumps == []
+    true = {step.stamp_ns: step.true for step in steps}
+    off = [node.pose.se2().distance_m(true[node.stamp_ns]) for node in slam.document(0).nodes]
+    assert np.mean(off) < 0.2
+    assert np.max(off) < 0.5
+
+
 def test_a_jump_between_scans_far_apart_is_told_and_not_believed() -> None:
     steps = sparse(jump_at=60)
     slam = slam_of(steps, lidar=SICK)

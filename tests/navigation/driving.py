@@ -17,6 +17,7 @@ from mazebot.common.messages import messages as msg
 from mazebot.common.messages import wire
 from mazebot.common.messages.documents import Entities, NavigationResult, World
 from mazebot.common.messages.topics import (
+    AMCL_POSE,
     CMD_VEL,
     DETECTIONS,
     ENTITIES,
@@ -150,6 +151,8 @@ class NodeDriver:
         self.extra_segments: Array = np.empty((0, 4))
         self.blind = False
         """No scans come."""
+        self.deaf = False
+        """The robot hears no commands, and stands."""
         self._slip = 1.0 + slip
         self._rng = np.random.default_rng(1)
         self._sequence: dict[str, int] = {}
@@ -160,7 +163,7 @@ class NodeDriver:
         """Put a message, or its bytes, into the inbox of each node that reads the topic."""
         number = self._sequence.get(topic.name, 0)
         self._sequence[topic.name] = number + 1
-        envelope = Envelope("test", number, self.now_ns, house().world.hash)
+        envelope = Envelope(f"of {topic.name}", number, self.now_ns, house().world.hash)
         for node, inbox in (
             (self.localization, self.localization_inbox),
             (self.node, self.inbox),
@@ -204,7 +207,7 @@ class NodeDriver:
     def step(self) -> None:
         """One control period: the robot drives, the sensors see, the node steps."""
         before = self.robot.map_from_base
-        self.robot.drive(self._command, CONTROL_PERIOD_NS * 1e-9)
+        self.robot.drive(STOP if self.deaf else self._command, CONTROL_PERIOD_NS * 1e-9)
         moved = before.inverse() @ self.robot.map_from_base
         self.odom_from_base = self.odom_from_base @ SE2(
             moved.x_m * self._slip, moved.y_m * self._slip, moved.yaw_rad * self._slip
@@ -293,3 +296,9 @@ def fixed_frames() -> msg.TFMessage:
             msg.transform_stamped(0, "base_link", "camera_rgb_optical_frame", optical),
         ]
     )
+
+
+def estimate_error_m(driver: NodeDriver) -> float:
+    """How far the pose is off that localisation has told last."""
+    pose = msg.se2_from_pose(driver.of(AMCL_POSE)[-1].pose.pose)
+    return pose.distance_m(driver.robot.map_from_base)

@@ -84,6 +84,7 @@ from tests.navigation.driving import (
     TOUR,
     NodeDriver,
     box_segments,
+    estimate_error_m,
     fixed_frames,
     odometry,
     wall_distance_m,
@@ -99,11 +100,6 @@ def ready(**options: object) -> NodeDriver:
     driver.run(0.5)
     assert driver.node.waiting_for() is None
     return driver
-
-
-def estimate_error_m(driver: NodeDriver) -> float:
-    pose = msg.se2_from_pose(driver.of(AMCL_POSE)[-1].pose.pose)
-    return pose.distance_m(driver.robot.map_from_base)
 
 
 def outline_distance_m(driver: NodeDriver) -> float:
@@ -481,6 +477,42 @@ def test_the_seed_is_the_simulation_s() -> None:
     assert clouds[1] == clouds[2]
 
 
+def test_a_robot_that_obeys_neither_way_has_met_nothing(caplog: pytest.LogCaptureFixture) -> None:
+    driver = ready()
+    driver.goal(LOCATIONS["location1"])
+    driver.run(3.0)
+    driver.deaf = True
+    driver.run(8.0)
+    assert "remembered as an obstacle" not in caplog.text
+
+
+def test_a_robot_whose_watchdog_stopped_it_has_met_nothing(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    driver = ready()
+
+    def tell(stops: int) -> None:
+        told = stats(epoch=1, sim_time_s=driver.now_ns * 1e-9)
+        driver.deliver(SIMULATION_STATS, told.model_copy(update={"watchdog_stops": stops}))
+
+    tell(0)
+    driver.goal(LOCATIONS["location1"])
+    driver.run(3.0)
+    driver.deaf = True
+    tell(1)
+    # It hears them again when one that was taken for stuck would drive back.
+    driver.run(5.0)
+    driver.deaf = False
+    driver.run(1.0)
+    assert "commands do not reach it in time" in caplog.text
+    for _ in range(1200):
+        driver.step()
+        if driver.results():
+            break
+    assert [result.error_code for result in driver.results()] == [0]
+    assert "remembered as an obstacle" not in caplog.text
+
+
 def stats(epoch: int, seed: int = 7, sim_time_s: float = 0.0) -> SimulationStats:
     return SimulationStats(
         world_hash=house().world.hash, sim_time_s=sim_time_s, iterations=0, step_size_s=1 / 240,
@@ -568,6 +600,27 @@ def test_without_scans_the_robot_stands_until_they_come_back() -> None:
     assert driver.robot.velocity.linear_m_s == 0.0
     assert driver.results() == []
     driver.blind = False
+    driver.run(8.0)
+    assert [r.error_code for r in driver.results()] == [0]
+
+
+@pytest.mark.parametrize("topic", ["/localization/status", "/odom", "/scan"])
+def test_the_robot_stands_at_once_where_the_source_of_a_topic_is_gone(
+    topic: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    driver = ready()
+    driver.goal(LOCATIONS["location1"])
+    driver.run(4.0)
+    assert driver.robot.velocity.linear_m_s > 0.2
+    source = driver.node._measured.sources[topic]
+    # What is still on the way arrives.
+    driver.inbox.leave(source)
+    driver.step()
+    assert driver._command == STOP
+    driver.run(0.5)
+    assert driver.robot.velocity == STOP
+    assert f"publisher of {topic} is gone" in caplog.text
+    driver.inbox.come_back(source)
     driver.run(8.0)
     assert [r.error_code for r in driver.results()] == [0]
 
@@ -1037,9 +1090,28 @@ def test_a_map_of_an_earlier_run_is_not_driven_in() -> None:
     driver.run(0.2)
     late = msg.occupancy_grid(99_000_000_000, 0.05, house().map_origin, house().map_cells)
     driver.inbox.deliver(MAP, late, Envelope("mapping", 0, 0, ""))
-    driver.step()
+    driver.run(1.0)
     assert driver.node.waiting_for() == "the map"
-    assert driver.refusals() == {"stamp in the future": 1}
+    driver.show(2.0)
+    driver.step()
+    assert driver.node.waiting_for() != "the map"
+    (columns,) = {grid.info.width for grid in driver.of(GLOBAL_COSTMAP)}
+    assert columns < house().map_cells.shape[1]
+
+
+def test_a_map_that_is_sent_once_waits_for_the_clock_and_the_world() -> None:
+    driver = GrowingMapDriver()
+    ahead_ns = 300_000_000
+    grid = msg.occupancy_grid(ahead_ns, 0.05, house().map_origin, house().map_cells)
+    driver.inbox.deliver(MAP, grid, Envelope("mapping", 0, ahead_ns, ""))
+    driver.run(0.1)
+    assert driver.node.waiting_for() == "the world"
+    driver.learn()
+    driver.run(0.1)
+    assert driver.node.waiting_for() == "the map"
+    driver.run(0.2)
+    assert driver.node.waiting_for() != "the map"
+    assert not driver.refusals()
 
 
 def test_of_a_world_that_is_being_mapped_no_dock_is_known() -> None:

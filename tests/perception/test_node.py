@@ -16,6 +16,7 @@ from mazebot.common.files import png
 from mazebot.common.maths.frames import (
     BASE_FOOTPRINT_FRAME,
     BASE_LINK_FRAME,
+    CAMERA_FRAME,
     CAMERA_OPTICAL_FRAME,
     LINK_FROM_OPTICAL,
     MAP_FRAME,
@@ -31,6 +32,9 @@ from mazebot.common.messages.documents import Entities, MarkerEntity, Planar, Wo
 from mazebot.common.messages.topics import (
     CAMERA_IMAGE,
     CAMERA_INFO,
+    DEPTH_IMAGE,
+    DEPTH_INFO,
+    DEPTH_SCAN,
     DETECTIONS,
     ENTITIES,
     MAP_DETECTIONS,
@@ -550,3 +554,50 @@ def test_where_a_map_is_made_every_id_of_the_dictionary_counts_at_any_height() -
     assert not made.node.facts()
     known = bench([other])
     assert not known.look(image(PERIOD_NS))[0].detections
+
+
+def depth_image(stamp_ns: int, encoding: str = "32FC1") -> msg.Image:
+    """A wall across the view, 1 m ahead."""
+    kind, unit_m = {"32FC1": (np.float32, 1.0), "16UC1": (np.uint16, 0.001)}.get(
+        encoding, (np.uint8, 1.0)
+    )
+    data = np.full(HEIGHT * WIDTH, round(1.0 / unit_m), kind).view(np.uint8)
+    step = len(data) // HEIGHT
+    header = msg.header(stamp_ns, CAMERA_OPTICAL_FRAME)
+    return msg.Image(header, HEIGHT, WIDTH, encoding, 0, step, data)
+
+
+def depth_bench() -> Bench:
+    made = bench()
+    made.place(0, SE2(0.0, 0.0, 0.0), SE2(0.0, 0.0, 0.0))
+    link = BASE_FROM_CAMERA @ np.linalg.inv(LINK_FROM_OPTICAL)
+    made.hear(TF_STATIC, tf(0, BASE_FOOTPRINT_FRAME, CAMERA_FRAME, link))
+    made.hear(DEPTH_INFO, camera_info(0))
+    return made
+
+
+@pytest.mark.parametrize("encoding", ["32FC1", "16UC1"])
+def test_a_depth_image_becomes_a_scan_in_the_next_step(encoding: str) -> None:
+    made = depth_bench()
+    made.hear(DEPTH_IMAGE, depth_image(PERIOD_NS, encoding))
+    made.step(PERIOD_NS)
+    assert DEPTH_SCAN.name not in [name for name, _ in made.said]
+    made.step(2 * PERIOD_NS)
+    (scan,) = [message for name, message in made.said if name == DEPTH_SCAN.name]
+    assert scan.header == msg.header(PERIOD_NS, CAMERA_FRAME)
+    assert scan.ranges[len(scan.ranges) // 2] == pytest.approx(1.0, abs=0.02)
+    made.step(3 * PERIOD_NS)
+    assert DEPTH_SCAN.name not in [name for name, _ in made.said]
+
+
+def test_depths_that_cannot_be_read_are_rejected() -> None:
+    made = depth_bench()
+    made.hear(DEPTH_IMAGE, depth_image(0, "mono8"))
+    made.step()
+    assert sum(made.rejected(DEPTH_IMAGE).values()) == 1
+    made.hear(DEPTH_INFO, camera_info(0, width=WIDTH // 2))
+    made.hear(DEPTH_IMAGE, depth_image(0))
+    made.step()
+    assert sum(made.rejected(DEPTH_IMAGE).values()) == 2
+    made.step(PERIOD_NS)
+    assert DEPTH_SCAN.name not in [name for name, _ in made.said]

@@ -522,7 +522,7 @@ def test_what_was_not_measured_is_null_in_the_summary(tmp_path: Path) -> None:
     world = room()
     bench = Bench(recorder(tmp_path, record=False))
     bench.say(opening(world))
-    elsewhere = msg.KeyValue("rejected /robot_description: not finite", "2")
+    elsewhere = msg.KeyValue("rejected /elsewhere: not finite", "2")
     status = msg.DiagnosticStatus(0, "navigation", "active", "", [elsewhere])
     array = msg.DiagnosticArray(msg.header(0, ""), [status])
     bench.say([(0, table.DIAGNOSTICS, array)])
@@ -536,7 +536,7 @@ def test_what_was_not_measured_is_null_in_the_summary(tmp_path: Path) -> None:
         assert summary[name] is None, name
     for name in ("localisation_error_m", "localisation_error_rad", "marker_error_m"):
         assert summary[name] == nothing, name
-    unread = summary["messages"]["/robot_description"]
+    unread = summary["messages"]["/elsewhere"]
     assert (unread["sent"], unread["received"], unread["lost"]) == (None, None, None)
     assert unread["rejected"] == 2
 

@@ -14,7 +14,19 @@ from pathlib import Path
 import pytest
 
 from mazebot.bench.parts.loopback_router import free_port, wait_for_router
-from mazebot.router.guard import EXIT_NO_RESPONSE, PERIOD_S, START_TICKS, ResponseTimer, reachable
+from mazebot.common.access.key_store import KeyStore
+from mazebot.common.bus.config import BusConfig
+from mazebot.common.bus.session import BusUnavailableError, open_session
+from mazebot.router.config import RouterConfig
+from mazebot.router.guard import (
+    EXIT_NO_RESPONSE,
+    PERIOD_S,
+    START_TICKS,
+    ResponseTimer,
+    Starvation,
+    reachable,
+)
+from mazebot.router.router import Router
 
 DEADLINE_S = 45.0
 
@@ -102,6 +114,39 @@ def test_silence_is_counted_in_ticks_and_a_start_may_take_longer() -> None:
     assert [timer.tick() for _ in range(4)] == [False, False, False, True]
 
 
+def test_a_period_in_which_it_lacks_a_processor_says_little() -> None:
+    timer = ResponseTimer(3)
+    timer.responded()
+    assert not any(timer.tick(starved=True) for _ in range(10))
+    # And yet not for ever.
+    assert any(timer.tick(starved=True) for _ in range(10))
+
+
+def test_a_process_that_waits_for_a_processor_is_told_from_one_that_sleeps() -> None:
+    spin = (
+        "import os\nos.sched_setaffinity(0, {min(os.sched_getaffinity(0))})\n"
+        "print(flush=True)\nwhile True: pass"
+    )
+    spinning = [
+        subprocess.Popen([sys.executable, "-c", spin], stdout=subprocess.PIPE) for _ in range(3)
+    ]
+    sleeping = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
+    try:
+        for process in spinning:
+            assert process.stdout is not None
+            process.stdout.readline()
+        busy, idle = Starvation(spinning[0].pid), Starvation(sleeping.pid)
+        # The period of a guard.
+        with pytest.raises(subprocess.TimeoutExpired):
+            sleeping.wait(PERIOD_S)
+        assert busy.look()
+        assert not idle.look()
+    finally:
+        for process in (*spinning, sleeping):
+            process.kill()
+            process.communicate()
+
+
 @pytest.mark.parametrize(
     ("listen", "connect"),
     [
@@ -120,3 +165,56 @@ def test_a_mistake_is_one_line() -> None:
     assert done.returncode == 2
     assert done.stderr.startswith("error: router: listen:")
     assert done.stderr.count("\n") == 1
+
+
+def test_a_key_opens_from_when_it_is_made_until_it_is_revoked(tmp_path: Path) -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    store = KeyStore(tmp_path / "keys")
+    command = [sys.executable, "-m", "mazebot.router", "--listen", endpoint]
+    with subprocess.Popen([*command, "--keys-dir", str(store.folder)]) as guard:
+        try:
+            anna = store.path_of("anna")
+            wait_until(lambda: lets_in(endpoint, store.path_of("viewer")))
+            assert not lets_in(endpoint, None)
+            store.add("anna", "viewer")
+            wait_until(lambda: lets_in(endpoint, anna))
+            kept = tmp_path / "anna.key"
+            kept.write_bytes(anna.read_bytes())
+            store.rotate(["anna"])
+            wait_until(lambda: lets_in(endpoint, anna) and not lets_in(endpoint, kept))
+            kept.write_bytes(anna.read_bytes())
+            store.revoke("anna")
+            wait_until(lambda: not lets_in(endpoint, kept))
+            wait_until(lambda: lets_in(endpoint, store.path_of("viewer")))
+            assert guard.poll() is None
+        finally:
+            guard.terminate()
+
+
+def test_with_a_wrong_key_in_the_folder_all_stays_as_it_was(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    store = KeyStore(tmp_path / "keys")
+    router = Router(RouterConfig(listen="tcp/127.0.0.1:0", keys_dir=store.folder))
+    try:
+        store.path_of("bob").write_text("{")
+        for _ in range(3):
+            router.take_new_keys()
+        (said,) = (record.getMessage() for record in caplog.records if record.levelname == "ERROR")
+        assert said.startswith(f"the keys stay as they were: {store.path_of('bob')}: must be a key")
+        assert lets_in(router.endpoint, store.path_of("viewer"))
+        store.path_of("bob").unlink()
+        store.add("bob", "viewer")
+        router.take_new_keys()
+        assert lets_in(router.endpoint, store.path_of("bob"))
+    finally:
+        router.close()
+
+
+def lets_in(endpoint: str, key_file: Path | None) -> bool:
+    try:
+        session = open_session(BusConfig(connect=endpoint, key_file=key_file))
+    except BusUnavailableError:
+        return False
+    session.close()  # type: ignore[no-untyped-call]
+    return True

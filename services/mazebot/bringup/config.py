@@ -56,6 +56,9 @@ class BringupConfig(ServiceConfig):
     resend_after_s: float = Field(
         2.0, gt=0, description="simulation time after which a goal that navigation lost is resent"
     )
+    drive: bool = Field(
+        True, description="drive the tour; false: end when the world runs, for others to drive in"
+    )
     only_ask: bool = Field(
         False,
         description="exit after the reply to the request: an error if another world is running",

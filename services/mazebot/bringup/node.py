@@ -98,6 +98,8 @@ class BringupNode(Node):
         """The services that the tour is waiting for, and why."""
         if all(self._active.values()) or self.exit_code is not None:
             return None
+        if not self._config.drive:
+            return "the world" if self._world is None else "the simulation"
         missing = []
         for service in SERVICES:
             if service in self._unneeded:
@@ -140,6 +142,10 @@ class BringupNode(Node):
         self._listen(now_ns, inbox)
         if self.exit_code is not None or self._world is None:
             return
+        if not self._config.drive:
+            # Time passes only in a world that is loaded.
+            self.exit_code = 0 if now_ns > 0 else None
+            return
         self._announce(now_ns)
         if not all(self._active.values()):
             return
@@ -175,7 +181,7 @@ class BringupNode(Node):
 
     def _restart(self) -> None:
         """Restart the tour, also one that has ended: the goals so far belong to another run."""
-        if self._world is not None and not self._config.only_ask:
+        if self._world is not None and self._config.drive and not self._config.only_ask:
             _LOG.info("simulation restarted; restarting the tour")
             self.exit_code = None
         self._exploration = None
@@ -228,13 +234,16 @@ class BringupNode(Node):
 
     def _enter(self, world: World, grid: msg.OccupancyGrid | None) -> None:
         try:
-            self._goals = self._goals_in(world, grid)
+            self._goals = self._goals_in(world, grid) if self._config.drive else []
         except ValueError as error:
             _LOG.error("%s", error)
             nowhere = isinstance(error, NoLocationsError)
             self.exit_code = EXIT_NOT_REACHED if nowhere else EXIT_REFUSED
             return
         self._world = world
+        self._tell_of(world)
+
+    def _tell_of(self, world: World) -> None:
         walls, bodies, markers = len(world.walls), len(world.bodies), len(world.markers)
         _LOG.info(
             "world %s (%s): %d walls, %d bodies, %d markers",

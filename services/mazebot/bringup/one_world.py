@@ -14,23 +14,25 @@ import threading
 
 from mazebot.common.bus.config import BusConfig
 from mazebot.common.bus.health import is_alive
-from mazebot.common.bus.session import BusUnavailableError, open_session
+from mazebot.common.bus.session import BusUnavailableError, join
 from mazebot.common.bus.subscriber import subscribed
 from mazebot.common.messages.topics import WORLD
 from mazebot.common.settings.load import load
 
-WORLD_PATIENCE_S = 1.0
-"""Time to wait for the world of a running stack; it is latched."""
+WORLD_PATIENCE_S = 5.0
+"""Time to wait for the world of a running stack; it is latched, and comes at once where there is
+time.
+"""
 
 
 def world_runs(config: BusConfig) -> bool:
     """Whether a world is loaded already. In lockstep no service replies before bringup runs."""
     try:
-        session = open_session(config)
+        session = join(config)
     except BusUnavailableError:
         return False
     received = threading.Event()
-    with subscribed(session, WORLD, lambda *_: received.set(), config.prefix):
+    with subscribed(session, WORLD, lambda *_: received.set(), config.keys):
         runs = received.wait(WORLD_PATIENCE_S)
     session.close()  # type: ignore[no-untyped-call]
     return runs
@@ -39,7 +41,7 @@ def world_runs(config: BusConfig) -> bool:
 def main() -> None:
     """Request the world; the exit code is the result."""
     config = load(BusConfig, "bus", [])
-    if not is_alive(config.connect, "worldgen", config.prefix) or not world_runs(config):
+    if not is_alive(config.connect, "worldgen", config.keys.own("")) or not world_runs(config):
         os._exit(0)
     # Slow to import, and not needed if a stack is only starting.
     from mazebot.bringup.config import BringupConfig  # noqa: PLC0415

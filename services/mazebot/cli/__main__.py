@@ -1,5 +1,33 @@
-"""Runs the command: `python -m mazebot.cli`."""
+"""The command `mazebot`: seen to work before it has loaded what it needs."""
 
-from mazebot.cli.app import main
+from __future__ import annotations
 
-main()
+import sys
+from collections.abc import Sequence
+from typing import NoReturn
+
+from mazebot.cli.parsing.patience import patience
+
+GROUPS = ("topic", "recordings", "world", "map", "markers", "sim", "keys", "security")
+
+
+def named(arguments: Sequence[str]) -> str:
+    """The command with its group, as `mazebot map build`."""
+    words = [word for word in arguments[1:3] if word.isalpha()]
+    return " ".join(["mazebot", *words[: 2 if words[:1] and words[0] in GROUPS else 1]])
+
+
+def main() -> NoReturn:
+    """Run the command."""
+    try:
+        with patience(named(sys.argv)):
+            from mazebot.cli import app  # noqa: PLC0415 - loads every command
+
+            app.main()
+    except KeyboardInterrupt:
+        # While it was loaded.
+        sys.exit(130)
+
+
+if __name__ == "__main__":
+    main()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
+import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from mazebot.cli import console, demo, entities, plan, sim, world
+from mazebot.cli.access import keys, security
 from mazebot.cli.drive import behaviors, teleop, waypoints
 from mazebot.cli.localize import localize
 from mazebot.cli.map import group as map_group
@@ -21,7 +23,6 @@ from mazebot.cli.parsing.command import App, UsageMistake, in_one_line, overview
 from mazebot.cli.parsing.completion import topic_names, written_topic_names
 from mazebot.cli.parsing.options import ROUTER as _ROUTER
 from mazebot.cli.parsing.options import Connect, Json
-from mazebot.cli.parsing.patience import patience
 from mazebot.cli.parsing.poses import POSE, given_pose
 from mazebot.cli.recordings import group as recordings_group
 from mazebot.cli.recordings.group import RecordingsDir, RunName
@@ -29,6 +30,7 @@ from mazebot.cli.replay import command as replay
 from mazebot.cli.stack import commands as stack_commands
 from mazebot.common.config import ConfigError
 from mazebot.common.files.version import mazebot_version
+from mazebot.common.problems import words
 
 app = App(
     name="mazebot",
@@ -42,6 +44,8 @@ app.add_typer(world.app, name="world")
 app.add_typer(map_group.app, name="map")
 app.add_typer(markers.app, name="markers")
 app.add_typer(sim.app, name="sim")
+app.add_typer(keys.app, name="keys")
+app.add_typer(security.app, name="security")
 
 TopicName = Annotated[
     str, typer.Argument(metavar="TOPIC", help="e.g. /scan", autocompletion=topic_names)
@@ -84,6 +88,23 @@ def params(
     if as_json and as_settings:
         raise ConfigError("--settings: prints YAML: must be given without --json")
     print_params(file, as_json, as_settings)
+
+
+@app.command()
+def doctor(
+    ros: Annotated[bool, typer.Option("--ros", help="how ROS 2 joins the stack")] = False,
+    as_json: Json = False,
+    connect: Connect = _ROUTER,
+) -> None:
+    """Print how ROS 2 joins a running stack, and what is in the way; exit code 1 if anything is."""
+    from mazebot.cli.doctor import doctor as examine  # noqa: PLC0415
+    from mazebot.common.bus.config import BusConfig  # noqa: PLC0415
+    from mazebot.common.settings.load import load  # noqa: PLC0415
+
+    if not ros:
+        raise ConfigError("--ros: must be given: there is no other examination")
+    config = load(BusConfig, "bus", []).model_copy(update={"connect": connect})
+    raise typer.Exit(examine(config, os.environ, as_json))
 
 
 @app.command()
@@ -229,13 +250,6 @@ def _command() -> Callable[..., object]:
     return typer.main.get_command(app)
 
 
-def _named(arguments: list[str]) -> str:
-    """The command with its group, as `mazebot map build`."""
-    words = [word for word in arguments[1:3] if word.isalpha()]
-    groups = {group.name for group in app.registered_groups}
-    return " ".join(["mazebot", *words[: 2 if words[:1] and words[0] in groups else 1]])
-
-
 def _told(line: str, details: str = "") -> int:
     """Print an error on standard error, and with --json also as JSON on standard output. Returns
     the exit code.
@@ -253,12 +267,11 @@ def main() -> NoReturn:
     """
     code: object = 0
     try:
-        with patience(_named(sys.argv)):
-            code = _command()(prog_name="mazebot", standalone_mode=False)
+        code = _command()(prog_name="mazebot", standalone_mode=False)
     except UsageMistake as error:
         code = _told(in_one_line(error))
     except ConfigError as error:
-        code = _told(" ".join(str(error).split()), error.details)
+        code = _told(words(error), error.details)
     except (KeyboardInterrupt, typer.Abort):
         code = 130
     except BrokenPipeError:

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from mazebot.cli.parsing.options import ROUTER, Connect
+from mazebot.cli.parsing.patience import wait_quietly
 
 
 def console(
@@ -21,6 +22,13 @@ def console(
     bind: Annotated[
         str | None,
         typer.Option(help="address; 0.0.0.0: for the whole network [default: 127.0.0.1]"),
+    ] = None,
+    login: Annotated[
+        str | None,
+        typer.Option(
+            help="auto, always or never: whether those who open the pages need the token in the "
+            "printed address; auto: where --bind is more than this machine [default: auto]"
+        ),
     ] = None,
     live: Annotated[
         bool, typer.Option("--live/--no-live", help="show and drive a running stack")
@@ -43,11 +51,13 @@ def console(
     if directory is not None and not directory.is_dir():
         raise ConfigError(f"--dir: {directory}: must be a folder of recordings")
     options: dict[str, Any] = {"recordings_dir": directory, "port": port, "bind": bind}
+    options["login"] = login
     given = {name: value for name, value in options.items() if value is not None}
     if not live:
         given["live"] = False
     config = load(ConsoleConfig, "console", [], given)
     log_to_stdout()
+    wait_quietly()
     serve(
         config,
         load(BusConfig, "bus", [], {"connect": connect}),

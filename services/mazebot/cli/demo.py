@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -21,7 +20,7 @@ from mazebot.cli.parsing.options import (
     model_folders,
     xacro_arguments,
 )
-from mazebot.cli.parsing.patience import say_first
+from mazebot.cli.parsing.patience import say_first, wait_quietly
 from mazebot.cli.parsing.poses import POSE, given_pose
 from mazebot.common.config import ConfigError
 from mazebot.common.garbage import collections_held_off
@@ -127,10 +126,18 @@ def demo(
             "[default: that of MAZEBOT_BUS_CONNECT, 7447]",
         ),
     ] = None,
+    foxglove: Annotated[
+        bool | None,
+        typer.Option(
+            "--foxglove/--no-foxglove", help="serve the run to Foxglove on ws://localhost:8765; it "
+            "is in real time then and continues after the tour until Ctrl-C [default: no-foxglove]",
+        ),
+    ] = None,
     tour: Annotated[
         bool,
         typer.Option(
-            "--tour/--no-tour", help="with --console: or wait for goals from it and from commands"
+            "--tour/--no-tour", help="with --console or --foxglove: or wait for goals from "
+            "there and from commands"
         ),
     ] = True,
     as_json: Json = False,
@@ -142,7 +149,11 @@ def demo(
     known.check_not_for_make([option for option, value in given.items() if value])
     pose = None if goal is None else given_pose("--goal", goal)
     explore = _explores(slam, explore, pose, map_file)
-    _check_console(console, console_port, router_port, tour, pose)
+    _check_console(console, console_port, router_port)
+    if not tour and not (console or foxglove):
+        raise ConfigError("--no-tour: must be given with --console or --foxglove")
+    if not tour and pose is not None:
+        raise ConfigError("--no-tour: must be given without --goal")
     if config is not None:
         known.check_file(config)
     say_first(f"starting the services for world {world_name or 'enhanced'}", as_json)
@@ -176,6 +187,7 @@ def demo(
             roots=model_folders("--path", path),
             console=_console_config(config, console_port) if console else None,
             open_bus=_bus_opener(config, router_port) if console else None,
+            foxglove=foxglove,
             tour=tour,
         )
         code = embedded.run(options)
@@ -204,23 +216,11 @@ def _explores(
     return explore
 
 
-def _check_console(
-    console: bool,
-    port: int | None,
-    router: int | None,
-    tour: bool,
-    goal: tuple[float, float, float] | None,
-) -> None:
-    given = {
-        "--console-port": port is not None,
-        "--router-port": router is not None,
-        "--no-tour": not tour,
-    }
+def _check_console(console: bool, port: int | None, router: int | None) -> None:
+    given = {"--console-port": port is not None, "--router-port": router is not None}
     for option, is_given in given.items():
         if is_given and not console:
             raise ConfigError(f"{option}: must be given with --console")
-    if not tour and goal is not None:
-        raise ConfigError("--no-tour: must be given without --goal")
 
 
 def _console_config(settings: Path | None, port: int | None) -> ConsoleConfig:
@@ -237,8 +237,15 @@ def _bus_opener(settings: Path | None, port: int | None) -> Callable[[], OwnRout
     from mazebot.common.bus.config import BusConfig  # noqa: PLC0415
     from mazebot.common.settings.load import config_flag, load  # noqa: PLC0415
 
-    prefix = load(BusConfig, "bus", config_flag(settings)).prefix
-    return functools.partial(OwnRouter, own_router.router_port(port), prefix)
+    keys = load(BusConfig, "bus", config_flag(settings)).keys
+
+    def opened() -> OwnRouter:
+        router = OwnRouter(own_router.router_port(port), keys)
+        # People take part from now on, and the demo goes on after its tour until they end it.
+        wait_quietly()
+        return router
+
+    return opened
 
 
 def parse_bool(option: str, text: str) -> bool:

@@ -13,6 +13,7 @@ from mazebot.common.config import ConfigError
 
 if TYPE_CHECKING:
     from mazebot.common.client.run_on_bus import RunOnBus
+    from mazebot.common.messages.keys import Keys
     from mazebot.common.node.node import Node
     from mazebot.embedded.watched_transport import WatchedTransport
 
@@ -63,18 +64,19 @@ def taken(endpoint: str) -> ConfigError:
 class OwnRouter:
     """The router of a run in this process. See BusBeside."""
 
-    def __init__(self, port: int, prefix: str = "") -> None:
+    def __init__(self, port: int, keys: Keys | None = None) -> None:
         """Listen on a port; 0: any free one. Raises ConfigError where it is taken."""
         # Zenoh takes long to import.
+        from mazebot.common.messages.keys import DEFAULT_KEYS  # noqa: PLC0415
         from mazebot.router.config import RouterConfig  # noqa: PLC0415
         from mazebot.router.router import Router  # noqa: PLC0415
 
+        self._keys = keys or DEFAULT_KEYS
         config = RouterConfig(listen=router_address(port))
         try:
-            self._router = Router(config, prefix)
+            self._router = Router(config, self._keys)
         except ConfigError as error:
             raise (taken(config.listen) if "in use" in str(error) else error) from error
-        self._prefix = prefix
         self._run: RunOnBus | None = None
 
     @property
@@ -86,7 +88,7 @@ class OwnRouter:
         """See BusBeside."""
         from mazebot.common.client.run_on_bus import RunOnBus  # noqa: PLC0415
 
-        self._run = RunOnBus(self._router.session, nodes, transport, self._prefix)
+        self._run = RunOnBus(self._router.session, nodes, transport, self._keys)
         hint = how_to_find(self.endpoint)
         log = logging.getLogger("router")
         log.info("listening on %s, for `mazebot goal` and all others%s", self.endpoint, hint)

@@ -392,8 +392,8 @@ class Navigator:
         A task ends, and localization restarts. Where it cannot be used, `getTaskError` gives
         the number of nav2_msgs/srv/LoadMap, and the cause.
         """
+        from mazebot.common.ros.map_exchange import document_of_map  # noqa: PLC0415
         from mazebot.common.world.map_files import read_map  # noqa: PLC0415 - loads images
-        from mazebot.worldgen.map.map_exchange import document_of_map  # noqa: PLC0415
 
         path = Path(map_filepath)
         if not path.is_file():

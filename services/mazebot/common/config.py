@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Mapping
 from difflib import get_close_matches
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic.fields import FieldInfo
@@ -31,6 +31,9 @@ class ServiceConfig(Params):
     seed: int = Field(
         7, ge=0, le=2**63 - 1, description="the run's seed; each random stream derives from it"
     )
+
+
+C = TypeVar("C", bound=ServiceConfig)
 
 
 def section_model(field: FieldInfo) -> type[BaseModel] | None:
@@ -87,6 +90,19 @@ def put_value(values: dict[str, Any], name: str, value: Any) -> None:
     for section in sections:
         values = values.setdefault(section, {})
     values[last] = value
+
+
+def with_values(config: C, values: Mapping[str, Any]) -> C:
+    """A configuration with other values of dotted names. Raises ConfigError in one line, which
+    names the parameter and what would be valid.
+    """
+    changed = config.model_dump()
+    for name, value in values.items():
+        put_value(changed, name, value)
+    try:
+        return type(config).model_validate(changed)
+    except ValidationError as error:
+        raise ConfigError(one_line(error, model=type(config))) from error
 
 
 def merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:

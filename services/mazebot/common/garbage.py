@@ -1,4 +1,6 @@
-"""Garbage collection is off during startup, when nearly all new objects stay alive."""
+"""Memory at startup: garbage collection is off, as nearly all new objects stay alive; when it is
+over, what only it needed is given back.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +8,10 @@ import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from mazebot.common.resident import give_back_unchanged
+
+_COMPILER = "libllvmlite"
+"""LLVM, a sixth of a process's memory: once the kernels are loaded, hardly anything calls it."""
 _YOUNG_OBJECTS = 50_000
 """New objects until the youngest are searched for cycles. Messages have none, and are freed without
 a search: with Python's 700, one of many poses is searched several times while it is made.
@@ -28,3 +34,4 @@ def settled() -> None:
         gc.freeze()
         gc.set_threshold(_YOUNG_OBJECTS, *gc.get_threshold()[1:])
         gc.enable()
+        give_back_unchanged(_COMPILER)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field, field_validator
 
@@ -22,6 +22,11 @@ class ConsoleConfig(ServiceConfig):
 
     bind: str = Field("127.0.0.1", min_length=1, description="address on which the pages are")
     port: int = Field(8080, ge=0, le=65535, description="port of the pages; 0: any free one")
+    login: Literal["auto", "always", "never"] = Field(
+        "auto",
+        description="whether those who open the pages must log in, with the token in the address "
+        "that is printed: auto: where `bind` is more than this machine",
+    )
     recordings_dir: Path = Field(
         Path("recordings"), description="folder whose runs are shown, one subfolder each"
     )

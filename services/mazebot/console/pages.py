@@ -80,9 +80,13 @@ def page(
 
     `section` in the context (`live` or `runs`) marks the entry of the navigation.
     """
+    session = request.scope.get("mazebot.session")
     text = TEMPLATES.get_template(template).render(
-        {"request": request, "section": "", "has_live": request.app.state.has_live, **context}
-    )
+        {
+            "request": request, "section": "", "has_live": request.app.state.has_live,
+            "role": session.role if session else "", **context,
+        }
+    )  # fmt: skip
     return HTMLResponse(text, status, headers={"cache-control": "no-cache", **(headers or {})})
 
 

@@ -21,6 +21,7 @@ from mazebot.console.gallery.compare import compare_routes
 from mazebot.console.gallery.index import RunIndex
 from mazebot.console.gallery.routes import gallery_routes
 from mazebot.console.gallery.run_page import run_routes
+from mazebot.console.login import LoginGate, login_routes, logins_of
 from mazebot.console.pages import STATIC, error_page
 from mazebot.console.security import Guard
 from mazebot.console.viewer_assets import viewer_routes
@@ -31,11 +32,16 @@ def build_app(config: ConsoleConfig, live: Sequence[BaseRoute] = ()) -> Starlett
 
     The first page is `/live` where there is one, else `/runs`.
     """
+    logins = logins_of(config)
+    gates = [Middleware(Guard, config=config)]
+    if logins is not None:
+        gates.append(Middleware(LoginGate, logins=logins))
     app = Starlette(
         routes=[
             Route("/", _first_page),
             Route("/healthz", _healthy),
             Mount("/static", StaticFiles(directory=STATIC), name="static"),
+            *(() if logins is None else login_routes(logins)),
             *viewer_routes(),
             *gallery_routes(),
             *change_routes(),
@@ -43,11 +49,12 @@ def build_app(config: ConsoleConfig, live: Sequence[BaseRoute] = ()) -> Starlett
             *compare_routes(),
             *live,
         ],
-        middleware=[Middleware(Guard, config=config)],
+        middleware=gates,
         exception_handlers={HTTPException: error_page},
         lifespan=_lifespan,
     )
     app.state.config = config
+    app.state.logins = logins
     app.state.index = RunIndex(config.recordings_dir)
     app.state.has_live = bool(live)
     app.state.is_ending = bool

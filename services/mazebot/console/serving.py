@@ -15,6 +15,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from mazebot.common.config import ConfigError
 from mazebot.console.config import ConsoleConfig
+from mazebot.console.login import OPERATOR, TOKEN, VIEWER, Logins
 from mazebot.console.security import MAX_HEADERS_BYTES
 
 MAX_WEBSOCKET_BYTES = 64 * 1024
@@ -26,6 +27,7 @@ class ConsoleServer:
 
     def __init__(self, app: Starlette, config: ConsoleConfig) -> None:
         """Raises ConfigError if the address cannot be used."""
+        self._logins: Logins | None = app.state.logins
         self._socket = _listening(config.bind, config.port)
         self.port: int = self._socket.getsockname()[1]
         self._server = uvicorn.Server(
@@ -52,11 +54,22 @@ class ConsoleServer:
 
     @property
     def url(self) -> str:
-        """The address of the first page, for a browser on this machine."""
+        """The address of the first page, for a browser on this machine; where one must log in, it
+        makes an operator.
+        """
+        return self._address(OPERATOR)
+
+    @property
+    def viewers_url(self) -> str:
+        """The address for those who may only look on; "": nobody need log in."""
+        return "" if self._logins is None else self._address(VIEWER)
+
+    def _address(self, role: str) -> str:
         host = self._socket.getsockname()[0]
         if host in ("0.0.0.0", "127.0.0.1", "::", "::1"):
             host = "localhost"
-        return f"http://{f'[{host}]' if ':' in host else host}:{self.port}/"
+        page = f"http://{f'[{host}]' if ':' in host else host}:{self.port}/"
+        return page if self._logins is None else f"{page}?{TOKEN}={self._logins.tokens[role]}"
 
     def run(self) -> None:
         """Serve until SIGTERM, SIGINT or `stop()`."""

@@ -50,7 +50,10 @@ def serve(
     try:
         live = () if robot is None else live_routes(robot)
         server = ConsoleServer(build_app(config, live), config)
-        logging.getLogger("console").info("%s shows %s", server.url, config.recordings_dir)
+        log = logging.getLogger("console")
+        log.info("%s shows %s", server.url, config.recordings_dir)
+        if server.viewers_url:
+            log.info("%s is for those who may only look on", server.viewers_url)
         if opener is not None:
             opener(server.url)
         server.run()

@@ -47,8 +47,9 @@ from mazebot.worldgen.recipe.loaded_world import LoadedWorld
 from mazebot.worldgen.recipe.sources import SHORT_NAMES, full_name
 
 if TYPE_CHECKING:
+    from mazebot.common.client.robot import Robot
     from mazebot.console.config import ConsoleConfig
-    from mazebot.embedded.console import BusBeside, ConsoleBeside
+    from mazebot.embedded.beside import Beside, BusBeside
 
 C = TypeVar("C", bound=ServiceConfig)
 
@@ -57,6 +58,8 @@ _LOG = logging.getLogger("demo")
 
 FIRST_STEP = "the simulation runs"
 """Log message after the first step of physics."""
+_TELL_PERIOD_S = 1.2
+"""How often a line tells how far the run is, where there is no terminal for a bar."""
 COMPACT_TIMEOUT_S = 20.0
 """This process is not killed after a timeout, so there is time to compact its recording."""
 
@@ -98,30 +101,41 @@ class DemoOptions:
     """Folders of models that an SDF file may include."""
     console: ConsoleConfig | None = None
     """Where the console is served; with it the run is in real time, and goes on until Ctrl-C."""
+    foxglove: bool | None = None
+    """Whether the recorder serves the run to Foxglove; this has the same effect on the run."""
     open_bus: Callable[[], BusBeside] | None = None
     """With a console: opens the bus on which the user's tools find the run."""
     tour: bool = True
     """Without one, only the console and the user's tools send goals."""
 
 
-def build_nodes(options: DemoOptions, load_world: Load = load_any) -> list[Node]:
-    """Every node of a run, configured by the options over environment and defaults.
+def build_nodes(
+    options: DemoOptions, load_world: Load = load_any, robot: Robot | None = None
+) -> list[Node]:
+    """Every node of a run, configured by the options over environment and defaults. `robot`: how
+    clients of Foxglove reach it.
 
     Raises ConfigError where an option cannot be met.
     """
-    recorder = {
-        "seed": options.seed,
-        "record": options.record,
-        "out_dir": options.out_dir,
-        "compact_timeout_s": COMPACT_TIMEOUT_S,
-    }
     # In this order, so that errors are reported before anything is written.
     bringup = bringup_config(options)
     return [
         *robot_nodes(options, load_world=load_world, slam=bringup.slam),
         BringupNode(bringup),
-        RecorderNode(_configured(options, RecorderConfig, "recorder", recorder)),
+        RecorderNode(recorder_config(options), robot=None if robot is None else lambda: robot),
     ]
+
+
+def recorder_config(options: DemoOptions) -> RecorderConfig:
+    """Where and how a run is recorded and shown. Raises ConfigError."""
+    settings = {
+        "seed": options.seed,
+        "record": options.record,
+        "out_dir": options.out_dir,
+        "foxglove": options.foxglove,
+        "compact_timeout_s": COMPACT_TIMEOUT_S,
+    }
+    return _configured(options, RecorderConfig, "recorder", settings)
 
 
 def robot_nodes(
@@ -311,7 +325,7 @@ def run(options: DemoOptions) -> int:
     except NoLocationsError as error:
         sys.stderr.write(f"error: {error}\n")
         return EXIT_NOT_REACHED
-    beside = _console_beside(options)
+    beside = _beside(options)
     with (
         nullcontext() if beside is None else closing(beside),
         _stop_on_signal() as stopped,
@@ -324,25 +338,27 @@ def run(options: DemoOptions) -> int:
             return EXIT_INTERRUPTED
 
 
-def _console_beside(options: DemoOptions) -> ConsoleBeside | None:
-    if options.console is None:
+def _beside(options: DemoOptions) -> Beside | None:
+    """What serves the run to people, if anything."""
+    recorder = recorder_config(options)
+    if options.console is None and not recorder.foxglove:
         return None
-    from mazebot.embedded.console import ConsoleBeside  # noqa: PLC0415 - loads the server
+    from mazebot.embedded.beside import Beside  # noqa: PLC0415 - loads the server
 
-    recorder = _configured(options, RecorderConfig, "recorder", {"out_dir": options.out_dir})
-    return ConsoleBeside(beside_run(options.console, recorder), options.open_bus)
+    console = None if options.console is None else beside_run(options.console, recorder)
+    return Beside(console, options.open_bus)
 
 
 def _run(
     options: DemoOptions,
     loaded: LoadedWorld,
-    beside: ConsoleBeside | None,
+    beside: Beside | None,
     console: Console,
     rosout: log.RosoutHandler,
     stopped: list[int],
 ) -> int:
     # No node in this process requests another world.
-    nodes = build_nodes(options, lambda *_: loaded)
+    nodes = build_nodes(options, lambda *_: loaded, None if beside is None else beside.robot)
     if beside is not None:
         for node in nodes:
             node.prepare()
@@ -352,11 +368,11 @@ def _run(
     with _progress(console) as progress:
         unit = "%" if bringup.explores else "goals"
         task = progress.add_task("starting", total=None, unit=unit)
-        start_s = shown_s = time.monotonic()
-        runs = False
+        start_s = shown_s = told_s = time.monotonic()
+        runs, told_ns = False, 0
 
         def until() -> bool:
-            nonlocal shown_s, runs
+            nonlocal shown_s, told_s, told_ns, runs
             if not runs and executive.now_ns > 0:
                 runs = True
                 _LOG.info(FIRST_STEP)
@@ -369,6 +385,10 @@ def _run(
                 factor = sim_s / (now_s - start_s)
                 text = f"{text}  {sim_s:.0f} s simulated, {factor:.1f}x real time"
                 progress.update(task, total=total, completed=done, description=text)
+                is_new = executive.now_ns != told_ns and bringup.exit_code is None
+                if is_new and now_s - told_s > _TELL_PERIOD_S and not console.is_terminal:
+                    told_s, told_ns = now_s, executive.now_ns
+                    console.print(f"{text}, {done} of {total} {unit}", highlight=False)
             return bool(stopped)
 
         try:

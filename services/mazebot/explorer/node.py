@@ -144,11 +144,11 @@ class ExplorerNode(Node):
                 self._explorer.pause()
 
     def _take_map(self, now_ns: int, inbox: Inbox) -> None:
-        grid = inbox.latest(MAP)
-        if grid is None or self._explorer is None or msg.same_grid(grid, self._map):
+        if self._explorer is None:
+            # Until the world is known, the map waits.
             return
-        stamp_ns = msg.ns_from_time(grid.header.stamp)
-        if not self._watch.is_of_this_run(stamp_ns, MAP, inbox):
+        grid = self._watch.latest_of_this_run(MAP, inbox)
+        if grid is None or msg.same_grid(grid, self._map):
             return
         if len(grid.data) > MAX_MAP_CELLS or not len(grid.data):
             inbox.reject(MAP, "invalid number of cells")

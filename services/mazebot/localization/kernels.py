@@ -12,6 +12,7 @@ from mazebot.common.maths.frames import SE2
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.scan import Scan
 from mazebot.common.node.node import random_generator
+from mazebot.common.robot import wheel_slip
 from mazebot.localization.config import LocalizationConfig
 from mazebot.localization.monte_carlo import Localization
 
@@ -21,6 +22,7 @@ def compile_kernels(config: LocalizationConfig) -> None:
     """Run all parts once in a small room, so that nothing is compiled while the robot moves: once
     a process, since what is compiled stays so.
     """
+    wheel_slip.compile_kernels()
     cells = np.zeros((60, 60), np.int8)
     cells[0] = cells[-1] = cells[:, 0] = cells[:, -1] = 100
     localization = Localization(

@@ -321,6 +321,12 @@ class Localization:
                 self._predict(stamp_ns, odom_from_base)
                 self._set.measure_spread()
 
+    def correct_odometry(self, odom_from_base: SE2) -> None:
+        """Correct the latest odometry, whose last part was not the robot's own motion: what has
+        followed it goes back with the next scan.
+        """
+        self._history.correct(odom_from_base)
+
     def scan(self, scan: Scan) -> bool:
         """Correct the pose by a scan; True if the scan was used.
 

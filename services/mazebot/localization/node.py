@@ -18,6 +18,7 @@ from mazebot.common.maths.frames import (
     SCAN_FRAME,
     SE2,
     Array,
+    PlanarCovariance,
     pose_matrix,
     se2_from_matrix,
 )
@@ -25,9 +26,11 @@ from mazebot.common.messages import messages as msg
 from mazebot.common.messages.action_documents import Reply
 from mazebot.common.messages.documents import (
     Entities,
+    LocalizationCheckpoint,
     LocalizationStatus,
     MappedMarker,
     MarkerEntity,
+    Planar,
     World,
 )
 from mazebot.common.messages.scan import Scan
@@ -37,6 +40,7 @@ from mazebot.common.messages.topics import (
     ENTITIES,
     GLOBAL_LOCALIZATION_REQUEST,
     INITIAL_POSE,
+    LOCALIZATION_CHECKPOINT,
     LOCALIZATION_STATUS,
     MAP,
     ODOM,
@@ -58,6 +62,7 @@ from mazebot.common.node.pose_estimate import (
 )
 from mazebot.common.node.schedule import Schedule
 from mazebot.common.node.simulation_watch import SimulationWatch
+from mazebot.common.robot.wheel_slip import WheelSlip, log_slip
 from mazebot.common.world.costmap import MAX_MAP_CELLS
 from mazebot.localization.config import STEP_PERIOD_NS, LocalizationConfig
 from mazebot.localization.kernels import compile_kernels
@@ -69,6 +74,7 @@ _LOG = logging.getLogger("localization")
 _AMCL_POSE_PERIOD_NS = 100_000_000
 _STATUS_PERIOD_NS = 500_000_000
 _PARTICLES_PERIOD_NS = 500_000_000
+_CHECKPOINT_PERIOD_NS = 500_000_000
 
 State = LocalizationState
 
@@ -93,10 +99,15 @@ class LocalizationNode(Node):
         self._started = False
         """Whether the filter was given the start pose."""
         self._odom: tuple[int, SE2] | None = None
+        self._slip = WheelSlip()
         self._scanned = False
         self._schedule = Schedule()
-        self._published: tuple[State, int | None] | None = None
-        """State and epoch of the status last published."""
+        self._published: tuple[State, int | None, bool] | None = None
+        """State, epoch and slip of the status last published."""
+        self._kept: LocalizationCheckpoint | None = None
+        """Of the process before, until its pose is used."""
+        self._resumed = False
+        """Whether this process has begun where the one before was, or anew."""
 
     def prepare(self) -> None:
         """See Node."""
@@ -143,6 +154,10 @@ class LocalizationNode(Node):
         if self._watch.restarted(now_ns, inbox.new(SIMULATION_STATS)):
             _LOG.info("simulation restarted; resetting localization")
             self._reset()
+        self._kept = inbox.latest(LOCALIZATION_CHECKPOINT) or self._kept
+        if self._resumed:
+            # What others keep is of this process itself.
+            self._kept = None
         self._learn_world(inbox)
         if self._is_off():
             self._leave_to_mapping(inbox)
@@ -213,6 +228,7 @@ class LocalizationNode(Node):
     def _reset(self) -> None:
         """Drop all measurements; the filter restarts at the start pose."""
         self._odom = None
+        self._slip = WheelSlip()
         self._scanned = self._started = False
         self._schedule.clear()
         self._localization = None
@@ -241,10 +257,13 @@ class LocalizationNode(Node):
             if not self._watch.is_of_this_run(stamp_ns, ODOM, inbox):
                 continue
             odom_from_base = msg.se2_from_pose(odom.pose.pose)
-            localization.odometry(stamp_ns, odom_from_base)
+            localization.odometry(stamp_ns, self._slip.odometry(stamp_ns, odom_from_base))
             self._odom = (stamp_ns, odom_from_base)
         if self._odom is None or SCAN_FRAME not in self._base_from:
             return
+        if not self._started and not self._resumes(localization, self._odom[1], inbox):
+            return
+        self._resumed = True
         if not self._started:
             self._start_at(localization, self._odom[1])
         for initial in poses:
@@ -255,6 +274,32 @@ class LocalizationNode(Node):
                     self._take_scan(localization, message)
             elif self._watch.is_of_this_run(stamp_ns, DETECTIONS, inbox):
                 self._take_detections(localization, stamp_ns, message, inbox)
+
+    def _resumes(self, localization: Localization, odom_from_base: SE2, inbox: Inbox) -> bool:
+        """Go on from the pose of the process before, if there was one in this run; returns whether
+        that is known.
+        """
+        kept = self._kept
+        if not inbox.is_handed_over:
+            return False
+        if kept is None or self._world is None or kept.world_hash != self._world.hash:
+            return True
+        if kept.epoch is not None and self._watch.epoch is None:
+            # The news of the run is yet to come.
+            return False
+        if kept.epoch != self._watch.epoch or kept.state == "uninitialized":
+            return True
+        self._started = True
+        if kept.state == "searching":
+            localization.global_localization()
+            return True
+        moved = kept.odom_from_base.se2().inverse() @ odom_from_base
+        drift = self._config.odometry_drift_ratio * moved.distance_m(SE2(0.0, 0.0, 0.0))
+        covariance = PlanarCovariance(*kept.covariance).matrix() + self._initial_covariance(drift)
+        pose = kept.map_from_base.se2() @ moved
+        localization.initialize(pose, covariance)
+        _LOG.warning("localization resumed: %.3f %.3f %.3f", *pose)
+        return True
 
     def _start_at(self, localization: Localization, odom_from_base: SE2) -> None:
         """Set the initial pose from the world's start and odometry, which begins at zero there.
@@ -302,7 +347,10 @@ class LocalizationNode(Node):
 
     def _take_scan(self, localization: Localization, scan: msg.LaserScan) -> None:
         base_from_scan = se2_from_matrix(self._base_from[SCAN_FRAME])
-        localization.scan(Scan.from_message(scan, base_from_scan))
+        taken = Scan.from_message(scan, base_from_scan)
+        if self._slip.scan(taken):
+            localization.correct_odometry(self._slip.corrected)
+        localization.scan(taken)
         self._scanned = True
 
     def _take_detections(
@@ -352,21 +400,26 @@ class LocalizationNode(Node):
         """Publish the pose, the particles and the status."""
         localization = self._localization
         if localization is not None and self._started and localization.initialized:
-            outbox.put(TF, transform_message(now_ns, localization.map_from_odom()))
+            map_from_odom = self._slip.with_odom(localization.map_from_odom())
+            outbox.put(TF, transform_message(now_ns, map_from_odom))
             if self._schedule.is_due("amcl_pose", now_ns, _AMCL_POSE_PERIOD_NS):
                 assert self._odom is not None
                 outbox.put(AMCL_POSE, pose_message(self._odom[0], *localization.pose()))
             if self._schedule.is_due("particles", now_ns, _PARTICLES_PERIOD_NS):
                 particles = localization.particles()
                 outbox.offer(PARTICLE_CLOUD, lambda: cloud_message(now_ns, particles))
+            if self._schedule.is_due("checkpoint", now_ns, _CHECKPOINT_PERIOD_NS):
+                outbox.offer(LOCALIZATION_CHECKPOINT, lambda: self._checkpoint(localization))
         state = self._state()
         # Called on every step, so that the period counts from the last status published.
         due = self._schedule.is_due("status", now_ns, _STATUS_PERIOD_NS)
         reason = "" if localization is None else "; ".join(localization.reasons)
-        if due or self._published != (state, self._watch.epoch):
+        slips = self._slip.slips
+        if due or self._published != (state, self._watch.epoch, slips):
             if self._published is None or self._published[0] != state:
                 _LOG.info("%s%s", state, f": {reason}" if reason else "")
-            self._published = (state, self._watch.epoch)
+            log_slip(_LOG, slips, self._published is not None and self._published[2])
+            self._published = (state, self._watch.epoch, slips)
             outbox.put(
                 LOCALIZATION_STATUS,
                 LocalizationStatus(
@@ -375,5 +428,19 @@ class LocalizationNode(Node):
                     reason=reason,
                     wants_motion=localization is not None and localization.wants_motion,
                     epoch=self._watch.epoch,
+                    wheel_slip=slips,
                 ),
             )
+
+    def _checkpoint(self, localization: Localization) -> LocalizationCheckpoint:
+        """What a process that is started again goes on with."""
+        assert self._odom is not None
+        pose, covariance = localization.pose()
+        return LocalizationCheckpoint(
+            world_hash=self.world_hash,
+            epoch=self._watch.epoch,
+            state=self._state(),
+            odom_from_base=Planar.of(self._odom[1]),
+            map_from_base=Planar.of(pose),
+            covariance=tuple(PlanarCovariance.from_matrix(covariance)),
+        )

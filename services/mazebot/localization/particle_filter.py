@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mazebot.common.maths import portable, portable_kernels
 from mazebot.common.maths.frames import SE2, Array, wrap_angle
-from mazebot.common.maths.kernels import kernel
+from mazebot.common.maths.kernels import kernel, shared_kernel
 from mazebot.localization.likelihood_field import LikelihoodField
 
 _NO_TURN_BELOW_M = 0.01
@@ -219,6 +219,29 @@ def _move(
         particles[i, 2] = (yaw + math.pi) % (2.0 * math.pi) - math.pi
 
 
+@shared_kernel()
+def _cells_of(
+    x: Array,
+    y: Array,
+    cosine: Array,
+    sine: Array,
+    ahead: float,
+    aside: float,
+    rows: int,
+    columns: int,
+    cells: NDArray[np.int32],
+) -> None:
+    """Index in the field of a point seen from each pose, all in cells; -1: outside."""
+    width, height, stride = np.float64(columns), np.float64(rows), np.int32(columns)
+    for i in range(cells.size):
+        u = x[i] + cosine[i] * ahead - sine[i] * aside
+        v = y[i] + sine[i] * ahead + cosine[i] * aside
+        inside = (u >= 0.0) & (v >= 0.0) & (u < width) & (v < height)
+        u, v = u if inside else 0.0, v if inside else 0.0
+        cell = np.int32(v) * stride + np.int32(u)
+        cells[i] = cell if inside else np.int32(-1)
+
+
 @kernel(
     "void(float64[:, ::1], float64[:, ::1], float64[:, ::1], float32[:, ::1], float32[:, ::1], "
     "float64, float64, float64, float64, float64, float64[::1])",
@@ -237,30 +260,30 @@ def _score(
     weights: Array,
 ) -> None:
     rows, columns = log_likelihood.shape
+    values, distances = log_likelihood.reshape(-1), distance_m.reshape(-1)
     cf, sf = portable_kernels.cos_sin(field_yaw_rad)
-    for i in range(particles.shape[0]):
+    count = particles.shape[0]
+    x, y, c, s = np.empty(count), np.empty(count), np.empty(count), np.empty(count)
+    for i in range(count):
         mx = particles[i, 0] - field_x_m
         my = particles[i, 1] - field_y_m
-        x = (cf * mx + sf * my) * cells_per_m
-        y = (cf * my - sf * mx) * cells_per_m
-        c, s = portable_kernels.cos_sin(particles[i, 2] - field_yaw_rad)
-        c *= cells_per_m
-        s *= cells_per_m
-        total = 0.0
-        for j in range(points_m.shape[0]):
-            u = x + c * points_m[j, 0] - s * points_m[j, 1]
-            v = y + s * points_m[j, 0] + c * points_m[j, 1]
-            if u >= 0.0 and v >= 0.0 and u < columns and v < rows:
-                total += log_likelihood[int(v), int(u)]
-            else:
-                total += outside
-        for j in range(before_m.shape[0]):
-            u = x + c * before_m[j, 0] - s * before_m[j, 1]
-            v = y + s * before_m[j, 0] + c * before_m[j, 1]
-            if u >= 0.0 and v >= 0.0 and u < columns and v < rows:
-                if distance_m[int(v), int(u)] < IN_WALL_M:
-                    total -= FACE_STRIDE * WRONG_FACE
-        weights[i] = total
+        x[i] = (cf * mx + sf * my) * cells_per_m
+        y[i] = (cf * my - sf * mx) * cells_per_m
+        cosine, sine = portable_kernels.cos_sin(particles[i, 2] - field_yaw_rad)
+        c[i], s[i] = cosine * cells_per_m, sine * cells_per_m
+        weights[i] = 0.0
+    # Over the particles, which are independent: it compiles to vector instructions.
+    cells = np.empty(count, np.int32)
+    for j in range(points_m.shape[0]):
+        _cells_of(x, y, c, s, points_m[j, 0], points_m[j, 1], rows, columns, cells)
+        for i in range(count):
+            value = np.float64(values[np.uint32(cells[i] if cells[i] >= 0 else 0)])
+            weights[i] += value if cells[i] >= 0 else outside
+    for j in range(before_m.shape[0]):
+        _cells_of(x, y, c, s, before_m[j, 0], before_m[j, 1], rows, columns, cells)
+        for i in range(count):
+            in_wall = distances[np.uint32(cells[i] if cells[i] >= 0 else 0)] < IN_WALL_M
+            weights[i] -= FACE_STRIDE * WRONG_FACE if in_wall & (cells[i] >= 0) else 0.0
 
 
 @kernel("Tuple((float64[::1], float64[:, ::1]))(float64[:, ::1], float64[::1])")

@@ -43,6 +43,7 @@ from mazebot.common.node.pose_estimate import (
 )
 from mazebot.common.node.schedule import Schedule
 from mazebot.common.node.simulation_watch import SimulationWatch
+from mazebot.common.robot.wheel_slip import WheelSlip, log_slip
 from mazebot.mapping.config import STEP_PERIOD_NS, MappingConfig
 from mazebot.mapping.graph.graph_file import load_graph
 from mazebot.mapping.kernels import compile_kernels
@@ -87,8 +88,9 @@ class MappingNode(Node):
         self._odom: tuple[int, SE2] | None = None
         self._scanned = False
         self._schedule = Schedule()
-        self._published: tuple[str, int | None] | None = None
-        """State and epoch of the status last published."""
+        self._slip = WheelSlip()
+        self._published: tuple[str, int | None, bool] | None = None
+        """State, epoch and slip of the status last published."""
         self._published_map: int | None = None
         """Version of the map last published."""
         self._published_graph: tuple[int, int] | None = None
@@ -166,6 +168,7 @@ class MappingNode(Node):
     def _reset(self) -> None:
         """Drop the map and all measurements."""
         self._slam = self._odom = self._received_ns = None
+        self._slip = WheelSlip()
         self._scanned = False
         self._schedule.clear()
         self._published_map = self._published_graph = None
@@ -182,7 +185,7 @@ class MappingNode(Node):
             if self._slam is None:
                 self._slam = self._started(now_ns, world, self._odom[1])
             if self._slam is not None:
-                self._slam.odometry(*self._odom)
+                self._slam.odometry(self._odom[0], self._slip.odometry(*self._odom))
         slam = self._slam
         if slam is None or SCAN_FRAME not in self._base_from:
             return
@@ -227,7 +230,10 @@ class MappingNode(Node):
         return slam
 
     def _take_scan(self, slam: Slam, scan: msg.LaserScan) -> None:
-        slam.scan(Scan.from_message(scan, se2_from_matrix(self._base_from[SCAN_FRAME])))
+        taken = Scan.from_message(scan, se2_from_matrix(self._base_from[SCAN_FRAME]))
+        if self._slip.scan(taken):
+            slam.correct_odometry(self._slip.corrected)
+        slam.scan(taken)
         self._scanned = True
 
     def _take_detections(
@@ -250,7 +256,8 @@ class MappingNode(Node):
         """Publish the pose, the status, the map and its graph."""
         slam = self._slam
         if slam is not None:
-            outbox.put(TF, transform_message(now_ns, slam.map_from_odom()))
+            map_from_odom = self._slip.with_odom(slam.map_from_odom())
+            outbox.put(TF, transform_message(now_ns, map_from_odom))
             if self._schedule.is_due("amcl_pose", now_ns, _AMCL_POSE_PERIOD_NS):
                 assert self._odom is not None
                 outbox.put(AMCL_POSE, pose_message(self._odom[0], *slam.pose()))
@@ -260,16 +267,19 @@ class MappingNode(Node):
         state = self._state()
         # Called on every step, so that the period counts from the last status published.
         due = self._schedule.is_due("status", now_ns, _STATUS_PERIOD_NS)
-        if due or self._published != (state, self._watch.epoch):
+        slips = self._slip.slips
+        if due or self._published != (state, self._watch.epoch, slips):
             if self._published is None or self._published[0] != state:
                 _LOG.info("%s", state)
-            self._published = (state, self._watch.epoch)
+            log_slip(_LOG, slips, self._published is not None and self._published[2])
+            self._published = (state, self._watch.epoch, slips)
             outbox.put(
                 LOCALIZATION_STATUS,
                 LocalizationStatus(
                     state="localized" if state == "localized" else "uninitialized",
                     quality=0.0 if slam is None else slam.quality,
                     epoch=self._watch.epoch,
+                    wheel_slip=slips,
                 ),
             )
 
@@ -296,4 +306,9 @@ class MappingNode(Node):
         graph = slam.document(now_ns)
         self._counts = {"keyframes": len(graph.nodes), "markers": len(graph.landmarks)}
         epoch = self._watch.epoch or 0
-        outbox.put(POSE_GRAPH, graph.model_copy(update={"world_hash": world.hash, "epoch": epoch}))
+        more = {
+            "world_hash": world.hash,
+            "epoch": epoch,
+            "map_from_odom": planar(self._slip.with_odom(slam.map_from_odom())),
+        }
+        outbox.put(POSE_GRAPH, graph.model_copy(update=more))

@@ -169,6 +169,8 @@ class Slam:
         scan that was paired with odometry of another time makes the next step err as much.
         """
         self._wheels = OdometryQuality()
+        self._unlearnt_rad2 = 0.0
+        """Of the last motion, how much more its turn may vary by the parameters than as learnt."""
         self._reference = -1
         """The trusted node next to the robot."""
         self._markers = MarkerLandmarks(self._graph)
@@ -262,6 +264,10 @@ class Slam:
         As TF has it, map_from_odom changes with scans only.
         """
         self._history.add(stamp_ns, odom_from_base)
+
+    def correct_odometry(self, odom_from_base: SE2) -> None:
+        """Correct the latest odometry, whose last part was not the robot's own motion."""
+        self._history.correct(odom_from_base)
 
     def map_from_odom(self) -> SE2:
         """As corrected by the last scan."""
@@ -409,6 +415,7 @@ class Slam:
             return _FAR
         before_ns, before = self._scanned
         moved = before.inverse() @ odom_from_base
+        self._unlearnt_rad2 = 0.0
         far_m = moved.distance_m(SE2(0.0, 0.0, 0.0))
         elapsed_s = (stamp_ns - before_ns) * 1e-9
         if self._jumped(moved, elapsed_s, returns, sensor):
@@ -431,6 +438,7 @@ class Slam:
             )
             self._wheels.begin(self._covariance, along, turn)
             along = across = self._wheels.shift * along + _FLOOR_STD_M * _FLOOR_STD_M
+            self._unlearnt_rad2 = max(0.0, 1.0 - self._wheels.turn) * turn
             turn = self._wheels.turn * turn + _FLOOR_STD_RAD * _FLOOR_STD_RAD
         pose = self._pose @ moved
         c, s = portable.cos_sin(self._pose.yaw_rad)
@@ -470,6 +478,9 @@ class Slam:
             self._fit_around(pose, _WINDOW * usual_m, returns, sensor)
             for pose in (self._pose, turned)
         )
+        if usual and stayed < self._usual_fit - _DOUBTFUL:
+            # Neither fits: nothing speaks against odometry.
+            return False
         return stayed > went + (_JUMPED_FIT_USUAL if usual else _JUMPED_FIT)
 
     def _fit_around(self, pose: SE2, window_m: float, returns: Array, sensor: SE2) -> float:
@@ -479,7 +490,7 @@ class Slam:
         local = self._local_map()
         loose = np.diag([1.0 / (std * std) for std in (_JUMP_STD_M, _JUMP_STD_M, _JUMP_STD_RAD)])
         if window_m > 0.0:
-            pose = self._correlated(local, pose, loose, returns, window_m, 0.0)
+            pose = self._correlated(local, pose, loose, returns, window_m, _MOST_WINDOW_RAD)
         std_m = self._params.scan_match_std_m
         return refine(local, pose, loose, returns, sensor, std_m).fit
 
@@ -522,6 +533,10 @@ class Slam:
         far = moved.distance_m(SE2(0.0, 0.0, 0.0)) > _LARGE_MOVE_M
         far = far or abs(moved.yaw_rad) > _LARGE_TURN_RAD
         doubtful = far or found.fit < expected
+        if far and found.fit < _LOST_FIT:
+            # However good odometry has been, this time it may err as much as the parameters say.
+            self._covariance = self._covariance.spread(self._unlearnt_rad2, 0.0, 0.0, 1.0)
+            prior = information_of(self._covariance.matrix())
         # Of a short step the window alone is a limit: slip and stamps err more than it is long.
         by_odometry, likely = prior, prior if far else np.zeros((3, 3))
         contradicted = self._is_far(found, prior)

@@ -12,19 +12,24 @@ from mazebot.navigation.behavior.motions.search_motion import SearchMotionParams
 from mazebot.navigation.config import CONTROL_PERIOD_NS, NavigationConfig
 from mazebot.navigation.control.controller import Controller, Robot
 from mazebot.navigation.control.controllers import CONTROLLERS, make_controller
+from mazebot.navigation.control.safety.back_off import BackOff
 from mazebot.navigation.control.safety.collision_monitor import CollisionMonitor
 from mazebot.navigation.control.safety.velocity_smoother import VelocitySmoother
 from mazebot.navigation.control.tracking import ObstacleTracker
+from mazebot.navigation.control.yielding.giving_way import GivingWay
+from mazebot.navigation.control.yielding.newcomers import Newcomers
 from mazebot.navigation.costmap.footprint import WAFFLE, Footprint
 from mazebot.navigation.costmap.layered_costmap import GridFrame, LayeredCostmap, LocalCostmap
 from mazebot.navigation.costmap.zones import Zones
-from mazebot.navigation.drive import Drive
+from mazebot.navigation.drive import DepthSources, Drive
 from mazebot.navigation.own_class import OwnController
 from mazebot.navigation.planners import checked_planner, make_planner
 from mazebot.navigation.planning.interface import PlannerParams
 from mazebot.navigation.robot.controller_server import ControllerServer
 from mazebot.navigation.robot.planner_server import PlannerServer
 from mazebot.navigation.robot.robot_context import RobotContext
+
+_PERIOD_S = CONTROL_PERIOD_NS * 1e-9
 
 
 def made_drive(
@@ -56,12 +61,8 @@ def made_drive(
         frame.resolution_m, settings.inflation_layer, settings.obstacle_layer,
         (settings.width, settings.height), WAFFLE,
     )  # fmt: skip
-    server, period_s = config.controller_server, CONTROL_PERIOD_NS * 1e-9
-    made = Robot(server, control_period_s=period_s)
-    controllers = {
-        name: _checked_controller(name, make_controller(name, server.params_of(name), made, random))
-        for name in dict.fromkeys((server.controller, "mppi", "regulated_pure_pursuit"))
-    }
+    server, period_s = config.controller_server, _PERIOD_S
+    controllers = _made_controllers(config, random)
     robot = RobotContext(
         WAFFLE.padded(settings.footprint_padding), costmap, local,
         made_planner_server(config, costmap, zones),
@@ -77,7 +78,49 @@ def made_drive(
         CollisionMonitor(config.collision_monitor, WAFFLE),
         SearchMotionParams(control_period_s=period_s), cells, server.sensor_timeout,
         config.global_costmap.obstacle_layer.static_margin,
+        _depth_sources(config),
+        BackOff(config.back_off, WAFFLE),
+        GivingWay(config.giving_way, WAFFLE), Newcomers(config.tracker),
     )  # fmt: skip
+
+
+def reconfigure(
+    drive: Drive, before: NavigationConfig, config: NavigationConfig, random: np.random.Generator
+) -> None:
+    """Drive on with other parameters of the controller server, the velocity smoother and the
+    collision monitor. Percentages of speed zones stay those of the speed at the start.
+    """
+    server = config.controller_server
+    drive.robot.controller_server.reconfigure(server, _made_controllers(config, random))
+    smoother = VelocitySmoother(config.velocity_smoother, server)
+    smoother.reset(drive.smoother.last)
+    drive.smoother = smoother
+    if config.collision_monitor != before.collision_monitor:
+        # Otherwise it stays as it was toggled.
+        drive.monitor = CollisionMonitor(config.collision_monitor, WAFFLE)
+    drive.sensor_timeout_s = server.sensor_timeout
+    drive.depth_sources = _depth_sources(config)
+
+
+def _made_controllers(
+    config: NavigationConfig, random: np.random.Generator
+) -> dict[str, Controller]:
+    server = config.controller_server
+    made = Robot(server, control_period_s=_PERIOD_S)
+    return {
+        name: _checked_controller(name, make_controller(name, server.params_of(name), made, random))
+        for name in dict.fromkeys((server.controller, "mppi", "regulated_pure_pursuit"))
+    }
+
+
+def _depth_sources(config: NavigationConfig) -> DepthSources:
+    return DepthSources(*(
+        "depth" in params.observation_sources
+        for params in (
+            config.local_costmap.obstacle_layer, config.global_costmap.obstacle_layer,
+            config.collision_monitor,
+        )
+    ))  # fmt: skip
 
 
 def _checked_controller(name: str, controller: Controller) -> Controller:

@@ -12,9 +12,11 @@ from mazebot.common.config import Params, ServiceConfig
 from mazebot.navigation.behavior.bt_navigator import BtNavigatorParams, WaypointFollowerParams
 from mazebot.navigation.behavior.docking.docking import DockingParams
 from mazebot.navigation.behavior.motions.motion import BehaviorServerParams
+from mazebot.navigation.control.safety.back_off import BackOffParams
 from mazebot.navigation.control.safety.collision_monitor import CollisionMonitorParams
 from mazebot.navigation.control.safety.velocity_smoother import VelocitySmootherParams
 from mazebot.navigation.control.tracking import TrackerParams
+from mazebot.navigation.control.yielding.giving_way import GivingWayParams
 from mazebot.navigation.costmap.params import CostmapParams, LocalCostmapParams
 from mazebot.navigation.robot.controller_server import ControllerServerParams
 from mazebot.navigation.robot.planner_server import PlannerServerParams, SmootherServerParams
@@ -59,3 +61,5 @@ class NavigationConfig(ServiceConfig):
     waypoint_follower: WaypointFollowerParams = WaypointFollowerParams()
     docking_server: DockingParams = DockingParams()
     tracker: TrackerParams = TrackerParams()
+    back_off: BackOffParams = BackOffParams()
+    giving_way: GivingWayParams = GivingWayParams()

@@ -4,9 +4,10 @@ smoothed, and checked for collisions.
 
 from __future__ import annotations
 
+import logging
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -23,6 +24,8 @@ from mazebot.navigation.behavior.motions.search_motion import SearchMotion, Sear
 from mazebot.navigation.config import CONTROL_PERIOD_NS
 from mazebot.navigation.control.collision import STOP, Velocity
 from mazebot.navigation.control.mppi.batch_pace import BatchPace
+from mazebot.navigation.control.ray_evidence import Rays
+from mazebot.navigation.control.safety.back_off import BackOff
 from mazebot.navigation.control.safety.collision_monitor import (
     NOTHING_MOVES,
     Action,
@@ -34,13 +37,26 @@ from mazebot.navigation.control.safety.collision_monitor import (
 )
 from mazebot.navigation.control.safety.velocity_smoother import VelocitySmoother
 from mazebot.navigation.control.tracking import ObstacleTracker
-from mazebot.navigation.costmap.layered_costmap import GridFrame
+from mazebot.navigation.control.yielding.giving_way import GivingWay, Scene
+from mazebot.navigation.control.yielding.newcomers import Newcomers
+from mazebot.navigation.costmap.layered_costmap import LETHAL_OBSTACLE, GridFrame
 from mazebot.navigation.costmap.zones import Zones
+from mazebot.navigation.robot.hidden import HiddenThings, depth_points, hidden_from
 from mazebot.navigation.robot.measurements import Measurements
 from mazebot.navigation.robot.robot_context import RobotContext
 
+_LOG = logging.getLogger("navigation")
+
 State = Literal["planning", "controlling", "recovering"]
 _NOWHERE = SE2(0.0, 0.0, 0.0)
+
+
+class DepthSources(NamedTuple):
+    """Which of them have the depth camera's scan as an observation source."""
+
+    local_costmap: bool = True
+    global_costmap: bool = True
+    collision_monitor: bool = True
 
 
 @dataclass
@@ -58,6 +74,13 @@ class Drive:
     """The robot stops if odometry or the scan is older than this."""
     static_margin_m: float
     """An echo this near to a wall of the map is the wall's; less where the pose is known well."""
+    depth_sources: DepthSources
+    """What the depth camera's scan is used for."""
+    back_off: BackOff
+    giving_way: GivingWay
+    newcomers: Newcomers
+    """What moves, where the pose in the map is not known."""
+    hidden: HiddenThings = field(default_factory=HiddenThings)
     pace: BatchPace = field(default_factory=lambda: BatchPace(CONTROL_PERIOD_NS))
     known_m: Clearance | None = None
     """(rows, columns) distance from walls and from unknown cells of a map that grows; None: it does
@@ -66,6 +89,11 @@ class Drive:
     monitor_published: tuple[Action, str] = (Action.DO_NOTHING, "")
     """Action and polygon of the monitor's state last published."""
     _search: SearchMotion | None = None
+    stopped_at: list[tuple[float, float]] = field(default_factory=list)
+    """Where it could not go on, x and y in the map, in order; without those where it was lost."""
+    _slips: bool = False
+    _commanded: Velocity = STOP
+    """What was sent last."""
     _smoothed_ns: int = 0
     """When the velocity smoother was asked last."""
 
@@ -86,12 +114,32 @@ class Drive:
         static = self.robot.costmap.static
         self.known_m = np.minimum(static.distance_m, unknown_m).astype(np.float32)
 
-    def forget_places(self) -> None:
+    def forget_places(self, map_from_odom: SE2 | None) -> None:
         """Forget what was seen in the map with a wrong pose: it is elsewhere. What is there is
-        marked again when it is seen.
+        marked again when it is seen; what the camera may not see again, and what was touched, by
+        the new pose, which None is where there is none.
         """
         self.tracker.clear()
+        self.robot.forget_places()
+        self.giving_way.reset()
         self.robot.costmap.clear()
+        if map_from_odom is not None:
+            self._mark_hidden(map_from_odom)
+
+    def forget_hidden(self) -> None:
+        """Forget what the lidar does not show: a person says that it is gone."""
+        self.hidden.clear()
+        self.stopped_at.clear()
+        self.robot.costmap.clear_hidden()
+        self.robot.local_costmap.clear_hidden()
+
+    def _mark_hidden(self, map_from_odom: SE2) -> None:
+        costmap, hidden = self.robot.costmap, self.hidden
+        for points_m, mark in (
+            (hidden.low_m, costmap.mark_low), (hidden.touched_m, costmap.mark_touched)
+        ):  # fmt: skip
+            if len(points_m):
+                mark(moved_points(points_m, map_from_odom, _NOWHERE))
 
     def see_markers(
         self, stamp_ns: int, seen: msg.Detection3DArray, base_from_camera: Array, odom: SE2
@@ -116,10 +164,9 @@ class Drive:
         assert measured.odom is not None
         assert measured.echoes is not None
         odom_from_base = measured.odom[1]
-        self.robot.local_costmap.move(odom_from_base)
-        self.robot.local_costmap.update(
-            odom_from_base @ scan.base_from_scan, scan, map_from_base=odom_from_base
-        )
+        self.robot.local_costmap.follow(odom_from_base, scan)
+        if self.giving_way.is_enabled:
+            self.newcomers.take_scan(scan, odom_from_base)
         if not measured.is_localized(epoch):
             self.tracker.clear()
             return
@@ -130,12 +177,35 @@ class Drive:
         self.tracker.update(
             time_s, moved_points(measured.echoes.base_points_m, map_from_base, _NOWHERE),
             static.distance_m if self.known_m is None else self.known_m, static.frame, margin_m,
+            Rays(time_s, map_from_base @ scan.base_from_scan, scan),
         )  # fmt: skip
         moving = [(t.x_m, t.y_m, t.radius_m) for t in self.tracker.moving(time_s)]
         self.robot.costmap.update(
             map_from_base @ scan.base_from_scan, scan, map_from_base=map_from_base,
             moving_m=np.array(moving, np.float64).reshape(-1, 3), static_margin_m=margin_m,
         )  # fmt: skip
+
+    def take_depth_scan(self, scan: Scan, measured: Measurements, epoch: int | None) -> None:
+        """Update the costmaps by what the depth camera sees and the lidar does not."""
+        assert measured.odom is not None
+        use, robot = self.depth_sources, self.robot
+        odom_from_base = measured.odometry.at(scan.stamp_ns) or measured.odom[1]
+        points_m, echo = depth_points(scan)
+        lidar, odom_from_scanning = measured.scan_at(scan.stamp_ns) or (None, odom_from_base)
+        marks = echo & hidden_from(points_m, odom_from_base, lidar, odom_from_scanning)
+        if use.local_costmap:
+            robot.local_costmap.update_seen_low(odom_from_base @ scan.base_from_scan, scan, marks)
+            seen_m = points_m[marks]
+            if len(seen_m):
+                seen_m = moved_points(seen_m, odom_from_base, _NOWHERE)
+            self.hidden.see(seen_m, robot.local_costmap)
+        if use.global_costmap and measured.is_localized(epoch):
+            assert measured.map_from_odom is not None
+            map_from_base = measured.map_from_odom[1] @ odom_from_base
+            robot.costmap.update_seen_low(
+                map_from_base @ scan.base_from_scan, scan, marks,
+                measured.static_margin_m(self.static_margin_m),
+            )  # fmt: skip
 
     def wanted(
         self, now_ns: int, measured: Measurements, epoch: int | None
@@ -149,12 +219,23 @@ class Drive:
         searching = measured.wants_motion(epoch)
         if navigator.request is None and not (searching and measured.is_searching()):
             self._search = None
-            return robot.view.teleop, None
-        if now_ns - measured.oldest_ns(now_ns) > self.sensor_timeout_s * 1e9:
+            self._slips = measured.wheels_slip(epoch)
+            self.back_off.end()
+            if robot.view.teleop is not None:
+                return robot.view.teleop, None
+            return self._out_of_the_way(now_ns, measured), None
+        if measured.is_blind(now_ns, self.sensor_timeout_s):
             # What it would meet on the way of a ramp is not known.
             self.smoother.reset()
             return STOP, None
+        away = None if navigator.paused else self._out_of_the_way(now_ns, measured)
+        navigator.gives_way = away is not None
         ended = navigator.step(now_ns)
+        if away is not None and ended is None:
+            return away, None
+        back = self._backs_off(now_ns, measured, epoch)
+        if back is not None:
+            return back, ended
         if searching and robot.view.map_from_base is None and navigator.hold != "paused":
             if self._search is None:
                 self._search = SearchMotion(self.search, look_around=bool(robot.docks))
@@ -164,6 +245,72 @@ class Drive:
             return command, ended
         self._search = None
         return robot.command, ended
+
+    def _backs_off(self, now_ns: int, measured: Measurements, epoch: int | None) -> Velocity | None:
+        """The command of a robot that could not go on; None: it can."""
+        assert measured.odom is not None
+        server, before = self.robot.controller_server, self._slips
+        self._slips = measured.wheels_slip(epoch)
+        stuck_towards, server.stuck_towards = server.stuck_towards, None
+        if not self.back_off.is_active:
+            if self._slips and not before:
+                stuck_towards = self._commanded
+            if stuck_towards is None or not self.back_off.begin(now_ns, stuck_towards):
+                return None
+        server.interrupt()
+        command, touched_at = self.back_off.step(
+            now_ns, measured.odom[1], measured.velocity, self.robot.time_to_collision
+        )
+        if touched_at is not None:
+            self._remember_touched(touched_at, measured, epoch)
+        self.robot.controlled = False
+        return command
+
+    def _remember_touched(
+        self, odom_from_base: SE2, measured: Measurements, epoch: int | None
+    ) -> None:
+        """Mark where the robot could not go on as an obstacle, and tell."""
+        local = self.robot.local_costmap
+
+        def is_seen(place_m: Array) -> bool:
+            at = odom_from_base @ SE2(float(place_m[0]), float(place_m[1]), 0.0)
+            return local.master.cost_at(at.x_m, at.y_m) == LETHAL_OBSTACLE
+
+        touched_m = self.back_off.touched_m(is_seen)
+        in_odom_m = moved_points(touched_m, odom_from_base, _NOWHERE)
+        self.hidden.touch(in_odom_m)
+        local.mark_touched(in_odom_m)
+        where = ""
+        if measured.is_localized(epoch):
+            assert measured.map_from_odom is not None
+            map_from_base = measured.map_from_odom[1] @ odom_from_base
+            in_map_m = moved_points(touched_m, map_from_base, _NOWHERE)
+            self.robot.costmap.mark_touched(in_map_m)
+            x_m, y_m = in_map_m[0].tolist()
+            self.stopped_at.append((x_m, y_m))
+            where = f" at ({x_m:.2f}, {y_m:.2f})"
+        _LOG.warning(
+            "the robot cannot go on%s: something that no sensor shows is remembered as an obstacle",
+            where,
+        )
+
+    def _out_of_the_way(self, now_ns: int, measured: Measurements) -> Velocity | None:
+        """The velocity that gets the robot out of the way of what comes; None: nothing does."""
+        robot, view = self.robot, self.robot.view
+        assert view is not None
+        if measured.is_blind(now_ns, self.sensor_timeout_s):
+            self.giving_way.reset()
+            return None
+        pose = view.map_from_base
+        if pose is None:
+            scene = Scene(
+                view.odom_from_base, view.velocity, robot.local_costmap.master,
+                self.newcomers.moving(now_ns * 1e-9),
+            )  # fmt: skip
+        else:
+            path = robot.controller_server.followed if self.navigator.request else None
+            scene = Scene(pose, view.velocity, robot.costmap.master, view.tracks, path)
+        return self.giving_way.step(now_ns, scene, in_map=pose is not None)
 
     def keep_pace(self, now_ns: int) -> None:
         """Let the controller compute less after control periods were missed."""
@@ -192,9 +339,15 @@ class Drive:
         assert view is not None
         sources = {}
         if measured.echoes is not None:
-            sources["scan"] = SourcePoints(measured.echoes.stamp_ns, view.echoes_m)
+            sources["scan"] = SourcePoints(measured.echoes.stamp_ns, view.scanned_m)
+        if view.hidden and self.depth_sources.collision_monitor:
+            # They stand where they were seen.
+            sources["depth"] = SourcePoints(now_ns, view.hidden_m)
         self.monitor.enabled = self.robot.monitor_enabled
         pose = view.map_from_base
         # Without a pose, tracks in the map cannot be told from where the robot is.
         moving = NOTHING_MOVES if pose is None else moving_in_base(view.tracks, pose)
-        return self.monitor.step(now_ns, command, measured.velocity, sources, moving)
+        watched = self.monitor.step(now_ns, command, measured.velocity, sources, moving)
+        if watched.velocity != STOP:
+            self._commanded = watched.velocity
+        return watched

@@ -29,3 +29,5 @@ class NavigationError(Exception):
         self.message = message
         self.place_m = place_m
         self.nearest_free = nearest_free
+        self.for_good = False
+        """Whether it is no use to wait and try again."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
@@ -11,7 +12,13 @@ from mazebot.common.messages import action_documents as act
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.documents import CancelGoalReply, NavigationResult
 from mazebot.common.messages.error_codes import ErrorCode
-from mazebot.navigation.behavior.actions import FollowWaypoints, NavigateToPose, Request, TaskResult
+from mazebot.navigation.behavior.actions import (
+    FollowWaypoints,
+    NavigateToPose,
+    Request,
+    TaskFeedback,
+    TaskResult,
+)
 from mazebot.navigation.drive import Drive
 from mazebot.navigation.errors import NavigationError
 from mazebot.navigation.messages import (
@@ -26,6 +33,12 @@ _LOG = logging.getLogger("navigation")
 _MOST_GOALS_TRIED = 4
 """Of goals that arrive together: planning a path to each takes milliseconds."""
 
+_RESUMED = (
+    act.NavigateToPose, act.NavigateThroughPoses, act.FollowWaypoints, act.FollowPath,
+    act.DockRobot,
+)  # fmt: skip
+"""Goals that say in the map what is still to be done."""
+
 Ready = Callable[[], Drive]
 """Raises NavigationError while navigation is not active."""
 
@@ -36,6 +49,9 @@ class Goal(NamedTuple):
     goal_id: str
     stamp_ns: int | None
     """Of its message on /goal_pose; None: it came as an action."""
+    asked: act.ActionGoal
+    """As it was given."""
+    start_ns: int
 
 
 class Goals:
@@ -50,8 +66,10 @@ class Goals:
         tries, taken = _MOST_GOALS_TRIED, False
         rejected: list[tuple[Goal, TaskResult]] = []
         for message in reversed(poses):
-            request = NavigateToPose(msg.se2_from_pose(message.pose))
-            goal = Goal("", msg.ns_from_time(message.header.stamp))
+            pose = msg.se2_from_pose(message.pose)
+            request = NavigateToPose(pose)
+            asked = act.NavigateToPose(pose=planar_document(pose))
+            goal = Goal("", msg.ns_from_time(message.header.stamp), asked, now_ns)
             if taken or not tries:
                 preempted = (ErrorCode.PREEMPTED, "preempted by a new goal")
                 rejected.append((goal, goal_result(request, now_ns, *preempted)))
@@ -74,7 +92,8 @@ class Goals:
     def send(self, now_ns: int, send: act.SendGoal, ready: Ready) -> act.SendGoalReply:
         """Accept the goal of an action."""
         try:
-            self._start(now_ns, request_of(send.goal), Goal(send.goal_id, None), ready)
+            goal = Goal(send.goal_id, None, send.goal, now_ns)
+            self._start(now_ns, request_of(send.goal), goal, ready)
         except NavigationError as error:
             _LOG.error("Goal rejected with error %d: %s", error.code, error.message)
             near = error.nearest_free
@@ -88,9 +107,45 @@ class Goals:
 
     def _start(self, now_ns: int, request: Request, goal: Goal, ready: Ready) -> None:
         """Start a task. Raises NavigationError where it is rejected; the one before continues."""
-        ended = ready().navigator.start(now_ns, request)
+        ended = ready().navigator.start(now_ns, request, goal.start_ns)
         self._keep(ended)
         self.current = goal
+
+    def remaining(self, feedback: TaskFeedback | None) -> Goal | None:
+        """The goal in progress, without what is done of it; None: there is none."""
+        current = self.current
+        if current is None or feedback is None:
+            return current
+        asked = current.asked
+        if isinstance(asked, act.NavigateThroughPoses):
+            left = len(asked.poses) - feedback.number_of_poses_remaining
+            asked = asked.model_copy(update={"poses": asked.poses[left:]})
+        elif isinstance(asked, act.FollowWaypoints):
+            rest = {
+                "goal_index": feedback.current_waypoint,
+                "number_of_loops": feedback.number_of_loops,
+            }
+            asked = asked.model_copy(update=rest)
+        return current._replace(asked=asked)
+
+    def resume(self, now_ns: int, goal: Goal, ready: Ready) -> None:
+        """Go on with the goal that a process before had, or end it where it cannot be resumed."""
+        request = request_of(goal.asked)
+        try:
+            if self.current is not None:
+                raise NavigationError(ErrorCode.PREEMPTED, "preempted by a new goal")
+            if not isinstance(goal.asked, _RESUMED):
+                raise NavigationError(
+                    ErrorCode.NAVIGATION_RESTARTED,
+                    "navigation was restarted: how far the robot has moved is not known",
+                )
+            self._start(now_ns, request, goal, ready)
+        except NavigationError as error:
+            _LOG.error("Goal ended with error %d: %s", error.code, error.message)
+            ended = goal_result(request, now_ns, error.code, error.message)
+            self._results.append((goal, dataclasses.replace(ended, start_ns=goal.start_ns)))
+        else:
+            _LOG.warning("navigation resumed: %s goes on", request.action)
 
     def _keep(self, result: TaskResult | None) -> None:
         if result is not None and self.current is not None:
@@ -128,10 +183,14 @@ class Goals:
             goal_stamp_ns=current.stamp_ns or 0,
         )
 
-    def take_results(self, docks: Mapping[str, SE2]) -> list[NavigationResult | act.ActionResult]:
-        """How goals have ended since the last call; `docks`: poses of the docked robot."""
+    def take_results(
+        self, docks: Callable[[], Mapping[str, SE2]]
+    ) -> list[NavigationResult | act.ActionResult]:
+        """How goals have ended since the last call; `docks` gives poses of the docked robot."""
+        if not self._results:
+            return []
         documents = [
-            result_action(goal.goal_id, result, docks) if goal.stamp_ns is None
+            result_action(goal.goal_id, result, docks()) if goal.stamp_ns is None
             else result_document(goal.stamp_ns, result)
             for goal, result in self._results
         ]  # fmt: skip

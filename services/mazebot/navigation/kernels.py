@@ -22,8 +22,10 @@ from mazebot.navigation.control.collision import STOP, Velocity
 from mazebot.navigation.control.controller import Robot
 from mazebot.navigation.control.controllers import CONTROLLERS
 from mazebot.navigation.control.mppi.mppi_kernels import compile_mppi_kernels
+from mazebot.navigation.control.ray_evidence import Rays
 from mazebot.navigation.control.safety.collision_kernels import compile_collision_kernels
 from mazebot.navigation.control.safety.collision_monitor import SourcePoints, moved_points
+from mazebot.navigation.control.yielding.warm_up import compile_yielding_kernels
 from mazebot.navigation.costmap.layered_costmap import frame_of, scan_points
 from mazebot.navigation.costmap.obstacle_layer import denoised_ranges
 from mazebot.navigation.drive import Drive
@@ -114,6 +116,7 @@ def _drive(drive: Drive) -> None:
         drive.tracker.update(
             now_ns * 1e-9, points_m + np.array([1.0 + 0.02 * i, 1.0]),
             robot.costmap.static.distance_m, robot.costmap.frame,
+            rays=Rays(now_ns * 1e-9, start, scan),
         )  # fmt: skip
     moving = drive.tracker.tracks(0.1)
     robot.costmap.clear_around(start, 1.0)
@@ -123,12 +126,15 @@ def _drive(drive: Drive) -> None:
         path = robot.compute_path(None, [SE2(2.0, 2.3, 0.0)], "any_angle")
         robot.compute_path(start, [SE2(2.0, 2.3, 0.0)], "a_star")
         robot.collisions(path, PathCheck())
+        robot.gaps.look_at(View(0, start, start, STOP, points_m), path, (1.2, 1.0))
         controller.set_path(path, same_goal=False)
         for velocity in (STOP, Velocity(0.2, 0.1)):
             controller.step(0.05, robot.around())
             robot.time_to_collision(velocity)
         controller.stop()
         _LOG.debug("compiled %s", name)
+    if drive.giving_way.is_enabled:
+        compile_yielding_kernels(robot.costmap.master, start, robot.footprint)
     sources = {"scan": SourcePoints(0, points_m)}
     drive.monitor.step(0, Velocity(0.4, 0.2), Velocity(0.3, 0.1), sources)
     SearchMotion(drive.search, look_around=False).step(start, points_m, robot.time_to_collision)

@@ -6,7 +6,15 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from mazebot.common.maths.frames import BASE_FOOTPRINT_FRAME, MAP_FRAME, SE2, Array, wrap_angle
+from mazebot.common.maths import portable
+from mazebot.common.maths.frames import (
+    BASE_FOOTPRINT_FRAME,
+    MAP_FRAME,
+    ODOM_FRAME,
+    SE2,
+    Array,
+    wrap_angle,
+)
 from mazebot.common.messages import action_documents as act
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.documents import NavigationResult, Planar
@@ -20,6 +28,7 @@ from mazebot.navigation.behavior.engine.tree import NodeSnapshot
 from mazebot.navigation.control.collision import Velocity
 from mazebot.navigation.control.mppi.mppi import Trajectories
 from mazebot.navigation.control.safety.collision_monitor import MonitorState
+from mazebot.navigation.costmap.footprint import Footprint
 from mazebot.navigation.costmap.layered_costmap import GridFrame, LayeredCostmap
 from mazebot.navigation.errors import NavigationError
 from mazebot.navigation.planning.path import PlannedPath, path_through
@@ -64,6 +73,20 @@ def twist_message(now_ns: int, velocity: Velocity) -> msg.TwistStamped:
             angular=msg.Vector3(0.0, 0.0, velocity.angular_rad_s),
         ),
     )
+
+
+def footprint_message(now_ns: int, footprint: Footprint, odom_from_base: SE2) -> msg.PolygonStamped:
+    """The robot's outline where odometry has it."""
+    cosine, sine = portable.cos_sin(odom_from_base.yaw_rad)
+    points = [
+        msg.Point32(
+            msg.float32(odom_from_base.x_m + cosine * x - sine * y),
+            msg.float32(odom_from_base.y_m + sine * x + cosine * y),
+            msg.float32(0.0),
+        )
+        for x, y in footprint.points_m.tolist()
+    ]
+    return msg.PolygonStamped(msg.header(now_ns, ODOM_FRAME), msg.Polygon(points))
 
 
 def path_message(now_ns: int, path: PlannedPath) -> msg.Path:
@@ -146,7 +169,9 @@ def request_of(goal: act.ActionGoal) -> Request:
         return actions.assisted_teleop(goal.time_allowance_s)
     if isinstance(goal, act.DockRobot):
         pose = None if goal.dock_pose is None else goal.dock_pose.se2()
-        return actions.dock_robot(pose, goal.dock_id, goal.navigate_to_staging_pose)
+        return actions.dock_robot(
+            pose, goal.dock_id, goal.navigate_to_staging_pose, goal.max_staging_time_s
+        )
     return actions.undock_robot(goal.max_undocking_time_s)
 
 
@@ -237,6 +262,7 @@ def result_action(goal_id: str, result: TaskResult, docks: Mapping[str, SE2]) ->
         start_time_s=result.start_ns * 1e-9,
         end_time_s=result.end_ns * 1e-9,
         number_of_recoveries=result.number_of_recoveries,
+        num_retries=result.num_retries,
         waypoints=tuple(
             act.WaypointStatus(
                 status=one.waypoint_status.name.lower(),
@@ -252,9 +278,15 @@ def result_action(goal_id: str, result: TaskResult, docks: Mapping[str, SE2]) ->
 
 
 def feedback_document(
-    goal_id: str, feedback: TaskFeedback, paused: bool, goal: SE2 | None = None
+    goal_id: str,
+    feedback: TaskFeedback,
+    paused: bool,
+    goal: SE2 | None = None,
+    stopped_at: Sequence[tuple[float, float]] = (),
 ) -> act.ActionFeedback:
-    """Progress of an action towards its goal in the map, if it has one."""
+    """Progress of an action towards its goal in the map, if it has one, and where something that
+    no sensor shows has stopped the robot.
+    """
     action = feedback.action
     drives = action in ("NavigateToPose", "NavigateThroughPoses", "FollowWaypoints", "FollowPath")
     through = action in ("NavigateThroughPoses", "FollowWaypoints")
@@ -277,6 +309,7 @@ def feedback_document(
         num_retries=feedback.num_retries if docks else None,
         paused=paused,
         goal=None if goal is None else planar_document(goal),
+        stopped_at=tuple(stopped_at),
     )
 
 

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
+from pydantic import JsonValue
 
-from mazebot.common.config import ConfigError
+from mazebot.common.config import ConfigError, with_values
 from mazebot.common.maths.frames import (
     BASE_FOOTPRINT_FRAME,
+    CAMERA_FRAME,
     CAMERA_OPTICAL_FRAME,
     MAP_FRAME,
     ODOM_FRAME,
@@ -24,6 +27,7 @@ from mazebot.common.messages.documents import (
     Entities,
     NavigationResult,
     NavigationStatus,
+    SetParametersReply,
     World,
 )
 from mazebot.common.messages.error_codes import ErrorCode
@@ -40,6 +44,7 @@ from mazebot.common.messages.topics import (
     CMD_VEL_TELEOP,
     COLLISION_MONITOR_STATE,
     COMPUTE_PATH,
+    DEPTH_SCAN,
     DETECTIONS,
     ENTITIES,
     GLOBAL_COSTMAP,
@@ -50,15 +55,20 @@ from mazebot.common.messages.topics import (
     LOCAL_COSTMAP,
     LOCALIZATION_STATUS,
     MAP,
+    NAVIGATION_CHECKPOINT,
     NAVIGATION_RESULT,
     NAVIGATION_STATUS,
     ODOM,
+    PARAMETER_EVENTS,
+    PARAMETERS,
     PAUSE_GOAL,
     PHOTO,
     PHOTO_REQUEST,
     PLAN,
+    PUBLISHED_FOOTPRINT,
     SCAN,
     SEND_GOAL,
+    SET_PARAMETERS,
     SIMULATION_STATS,
     SMOOTH_PATH,
     SPEED_FILTER_MASK,
@@ -72,6 +82,7 @@ from mazebot.common.node.frame_tree import FrameTree
 from mazebot.common.node.node import Inbox, Node, Outbox, random_generator
 from mazebot.common.node.schedule import Schedule
 from mazebot.common.node.simulation_watch import SimulationWatch
+from mazebot.common.ros.parameters import parameter_event
 from mazebot.common.world.costmap import MAX_MAP_CELLS, Cells, straightened
 from mazebot.navigation.behavior.actions import (
     NavigateToPose,
@@ -81,7 +92,7 @@ from mazebot.navigation.behavior.bt_navigator import BtNavigator
 from mazebot.navigation.behavior.engine.tree import NodeSnapshot
 from mazebot.navigation.behavior.engine.tree_log import TreeLog
 from mazebot.navigation.behavior.waypoints import WaypointExchange
-from mazebot.navigation.build import made_drive
+from mazebot.navigation.build import made_drive, reconfigure
 from mazebot.navigation.config import CONTROL_PERIOD_NS, NavigationConfig
 from mazebot.navigation.control.collision import STOP, Velocity
 from mazebot.navigation.control.mppi.batch_pace import Batched
@@ -97,13 +108,14 @@ from mazebot.navigation.costmap.layered_costmap import (
 from mazebot.navigation.costmap.zones import Zones, zones_of
 from mazebot.navigation.drive import Drive
 from mazebot.navigation.errors import NavigationError
-from mazebot.navigation.goals import Goals, input_at_waypoint, pause_goal
+from mazebot.navigation.goals import Goal, Goals, input_at_waypoint, pause_goal
 from mazebot.navigation.kernels import check_parts, compile_kernels
 from mazebot.navigation.mask_files import masks_of
 from mazebot.navigation.messages import (
     camera_view,
     costmap_message,
     feedback_document,
+    footprint_message,
     goal_of,
     mask_message,
     monitor_document,
@@ -133,6 +145,13 @@ class NavigationNode(Node):
     name: ClassVar[str] = "navigation"
     _config: NavigationConfig
     period_ns: ClassVar[int | None] = CONTROL_PERIOD_NS
+    live_parameters: ClassVar[tuple[str, ...]] = (
+        "controller_server.", "velocity_smoother.", "collision_monitor."
+    )  # fmt: skip
+    parameter_aliases: ClassVar[Mapping[str, str]] = {
+        "max_vel_x": "controller_server.max_linear_vel",
+        "max_vel_theta": "controller_server.max_angular_vel",
+    }
 
     def __init__(self, config: NavigationConfig) -> None:
         """Raises ConfigError where a controller, planner or tree that is named cannot be used."""
@@ -144,6 +163,7 @@ class NavigationNode(Node):
         self._static_frames = FrameTree()
         self._base_from_scan: SE2 | None = None
         self._base_from_camera: Array | None = None
+        self._base_from_depth: SE2 | None = None
         self._camera: msg.CameraInfo | None = None
         self._drive: Drive | None = None
         self._measured = Measurements()
@@ -162,6 +182,12 @@ class NavigationNode(Node):
         self._masks = masks_of(config)
         self._zones_shown: Zones | None = None
         self._goals = Goals()
+        self._kept: act.NavigationCheckpoint | None = None
+        """Of the process before, until its goal is taken up."""
+        self._resumed = False
+        """Whether that has been done, or there was none."""
+        self._checkpoint: Goal | None = None
+        """The goal last published as what a process after this one goes on with."""
         self._photo_requested_ns: int | None = None
         """When the picture was requested that is yet to come."""
         check_parts(config)
@@ -207,15 +233,22 @@ class NavigationNode(Node):
 
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
         """Process sensor messages, run one control period, publish commands and status."""
-        if self._watch.restarted(now_ns, inbox.new(SIMULATION_STATS)):
+        stats = inbox.new(SIMULATION_STATS)
+        if self._watch.restarted(now_ns, stats):
             _LOG.info("simulation restarted; resetting")
             self._reset(now_ns, "simulation restarted")
+        for one in stats:
+            again = self._measured.take_watchdog_stops(one.watchdog_stops)
+            if again and self._drive is not None and self._drive.navigator.request is not None:
+                _LOG.warning("the robot has stopped: velocity commands do not reach it in time")
         # A query also wakes the node while time is stopped: that is no control period.
         passes = now_ns != self._now_ns
         self._now_ns = now_ns
         self._take_world(now_ns, inbox)
         self._take_pose(inbox)
         self._take_scans(inbox)
+        self._look_for_sources(inbox)
+        self._take_depth_scans(inbox)
         self._take_detections(inbox)
         for twist in inbox.new(CMD_VEL_TELEOP):
             wanted = Velocity(twist.twist.linear.x, twist.twist.angular.z)
@@ -223,11 +256,32 @@ class NavigationNode(Node):
         self._take_photos(inbox)
         if self._drive is not None and self._measured.odom is not None:
             drive = self._drive
-            drive.robot.begin(self._measured.view(now_ns, self._watch.epoch, drive.tracker))
+            hidden_m = drive.hidden.from_base(self._measured.odom[1])
+            view = self._measured.view(now_ns, self._watch.epoch, drive.tracker, hidden_m)
+            drive.robot.begin(view)
+        self._resume(now_ns, inbox)
         self._goals.take_poses(now_ns, inbox.new(GOAL_POSE), self._ready_drive)
         self._answer(now_ns, inbox)
+        self._set_parameters(now_ns, inbox, outbox)
         self._control(now_ns, outbox, passes)
         self._publish(now_ns, outbox)
+
+    def _resume(self, now_ns: int, inbox: Inbox) -> None:
+        """Go on with the goal of the process before, if it had one in this run."""
+        kept = self._kept = inbox.latest(NAVIGATION_CHECKPOINT) or self._kept
+        if self._resumed:
+            # What others keep is of this process itself.
+            self._kept = None
+            return
+        if self._world is None or self.waiting_for() is not None or not inbox.is_handed_over:
+            return
+        self._kept, self._resumed = None, True
+        if kept is None or kept.goal is None or (kept.world_hash, kept.epoch) != (
+            self._world.hash, self._watch.epoch,
+        ):  # fmt: skip
+            return
+        goal = Goal(kept.goal_id, kept.goal_stamp_ns, kept.goal, kept.start_ns)
+        self._goals.resume(now_ns, goal, self._ready_drive)
 
     def _take_world(self, now_ns: int, inbox: Inbox) -> None:
         """Process latched topics. The same world or map, received again, changes nothing."""
@@ -236,9 +290,12 @@ class NavigationNode(Node):
             self._world = world
             self.world_hash = world.hash
             self._reset(now_ns, f"world changed to {world.name}")
-        grid = inbox.latest(MAP)
-        if grid is not None and not msg.same_grid(grid, self._map):
-            self._take_map(now_ns, grid, inbox)
+        # The world says what the map is; until then it waits.
+        if self._world is not None:
+            grows = self._world.slam
+            grid = self._watch.latest_of_this_run(MAP, inbox) if grows else inbox.latest(MAP)
+            if grid is not None and not msg.same_grid(grid, self._map):
+                self._take_map(now_ns, grid, inbox, grows=grows)
         entities = inbox.latest(ENTITIES)
         if entities is not None:
             self._entities = entities
@@ -246,6 +303,8 @@ class NavigationNode(Node):
         if self._static_frames.receive(inbox, TF_STATIC):
             scan = self._static_frames.chain(BASE_FOOTPRINT_FRAME, SCAN_FRAME)
             self._base_from_scan = None if scan is None else se2_from_matrix(scan)
+            depth = self._static_frames.chain(BASE_FOOTPRINT_FRAME, CAMERA_FRAME)
+            self._base_from_depth = None if depth is None else se2_from_matrix(depth)
             self._base_from_camera = self._static_frames.chain(
                 BASE_FOOTPRINT_FRAME, CAMERA_OPTICAL_FRAME
             )
@@ -253,12 +312,8 @@ class NavigationNode(Node):
         for info in inbox.new(CAMERA_INFO):
             self._take_camera(info)
 
-    def _take_map(self, now_ns: int, grid: msg.OccupancyGrid, inbox: Inbox) -> None:
+    def _take_map(self, now_ns: int, grid: msg.OccupancyGrid, inbox: Inbox, *, grows: bool) -> None:
         origin = msg.se2_from_pose(grid.info.origin)
-        grows = self._world is not None and self._world.slam
-        stamp_ns = msg.ns_from_time(grid.header.stamp)
-        if grows and not self._watch.is_of_this_run(stamp_ns, MAP, inbox):
-            return
         try:
             if len(grid.data) > MAX_MAP_CELLS:
                 raise ValueError(f"{len(grid.data)} cells: must be at most {MAX_MAP_CELLS}")
@@ -347,34 +402,48 @@ class NavigationNode(Node):
     def _take_pose(self, inbox: Inbox) -> None:
         """Read odometry, its correction, and whether that can be trusted."""
         measured = self._measured
-        status = inbox.latest(LOCALIZATION_STATUS)
-        if status is not None and measured.take_localization(status) and self._drive is not None:
-            self._drive.forget_places()
-        for odom in inbox.new(ODOM):
+        for status, envelope in inbox.arrivals(LOCALIZATION_STATUS)[-1:]:
+            measured.sources[LOCALIZATION_STATUS.name] = envelope.source
+            if measured.take_localization(status) and self._drive is not None:
+                found = measured.map_from_odom
+                self._drive.forget_places(None if found is None else found[1])
+        for odom, envelope in inbox.arrivals(ODOM):
+            measured.sources[ODOM.name] = envelope.source
             stamp_ns = msg.ns_from_time(odom.header.stamp)
             if self._watch.is_of_this_run(stamp_ns, ODOM, inbox):
-                measured.odom = (stamp_ns, msg.se2_from_pose(odom.pose.pose))
-                measured.odometry.add(*measured.odom)
                 twist = odom.twist.twist
-                measured.velocity = Velocity(twist.linear.x, twist.angular.z)
+                velocity = Velocity(twist.linear.x, twist.angular.z)
+                measured.take_odometry(stamp_ns, msg.se2_from_pose(odom.pose.pose), velocity)
         for tree in inbox.new(TF):
             for entry in tree.transforms:
                 if (entry.header.frame_id, entry.child_frame_id) != (MAP_FRAME, ODOM_FRAME):
                     continue
                 stamp_ns = msg.ns_from_time(entry.header.stamp)
                 if self._watch.is_of_this_run(stamp_ns, TF, inbox):
-                    matrix = msg.matrix_from_transform(entry.transform)
-                    jumps = measured.correct(stamp_ns, se2_from_matrix(matrix))
+                    map_from_odom = msg.se2_from_transform(entry.transform)
+                    jumps = measured.correct(stamp_ns, map_from_odom)
                     if jumps and self._drive is not None:
-                        self._drive.forget_places()
+                        self._drive.forget_places(map_from_odom)
         for claim in inbox.new(AMCL_POSE):
             if self._watch.is_of_this_run(msg.ns_from_time(claim.header.stamp), AMCL_POSE, inbox):
                 measured.take_covariance(claim.pose.covariance)
 
+    def _look_for_sources(self, inbox: Inbox) -> None:
+        """Notice who sends no more, before it is noticed by the age of what came."""
+        measured = self._measured
+        lost = tuple(topic for topic, source in measured.sources.items() if inbox.is_gone(source))
+        if lost != measured.lost:
+            measured.lost = lost
+            if lost:
+                _LOG.warning("publisher of %s is gone: the robot stands", " and ".join(lost))
+            else:
+                _LOG.info("the publishers of odometry, pose and scan are there again")
+
     def _take_scans(self, inbox: Inbox) -> None:
         """Read the scans, oldest first: the costmaps, the moving obstacles and the echoes."""
         measured, base_from_scan = self._measured, self._base_from_scan
-        for message in inbox.new(SCAN):
+        for message, envelope in inbox.arrivals(SCAN):
+            measured.sources[SCAN.name] = envelope.source
             stamp_ns = msg.ns_from_time(message.header.stamp)
             if not self._watch.is_of_this_run(stamp_ns, SCAN, inbox):
                 continue
@@ -384,6 +453,17 @@ class NavigationNode(Node):
             measured.take_scan(scan)
             if self._drive is not None:
                 self._drive.take_scan(scan, measured, self._watch.epoch)
+
+    def _take_depth_scans(self, inbox: Inbox) -> None:
+        """Read the scans of depth images."""
+        for message in inbox.new(DEPTH_SCAN):
+            stamp_ns, measured = msg.ns_from_time(message.header.stamp), self._measured
+            if not self._watch.is_of_this_run(stamp_ns, DEPTH_SCAN, inbox):
+                continue
+            if self._drive is None or measured.odom is None or self._base_from_depth is None:
+                continue
+            scan = Scan.from_message(message, self._base_from_depth)
+            self._drive.take_depth_scan(scan, measured, self._watch.epoch)
 
     def _static_margin_m(self) -> float:
         return self._measured.static_margin_m(
@@ -451,6 +531,32 @@ class NavigationNode(Node):
             missing = "" if drive is not None else "navigation is waiting for the map"
             toggle.respond(act.Reply(error=missing))
 
+    def _set_parameters(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
+        """Change parameters, also while the robot drives."""
+        for wanted in inbox.requests(SET_PARAMETERS):
+            values = wanted.message.values
+            try:
+                self._reconfigure(values)
+            except ConfigError as error:
+                wanted.respond(SetParametersReply(error=str(error)))
+                continue
+            outbox.put(PARAMETERS, self.parameters())
+            outbox.put(PARAMETER_EVENTS, parameter_event(self, now_ns, values))
+            wanted.respond(SetParametersReply())
+
+    def _reconfigure(self, values: Mapping[str, JsonValue]) -> None:
+        """Raises ConfigError where a value is invalid, or cannot be changed."""
+        for name in values:
+            if not name.startswith(self.live_parameters):
+                raise ConfigError(f"{name}: read only: it is read at the start")
+        config = with_values(self._config, values)
+        check_parts(config)
+        if self._drive is not None:
+            random = random_generator(self._watch.seed, "navigation/control")
+            reconfigure(self._drive, self._config, config, random)
+        self._config = config
+        _LOG.info("Set %s", ", ".join(f"{name} to {value}" for name, value in values.items()))
+
     def _control(self, now_ns: int, outbox: Outbox, passes: bool) -> None:
         """Run one control period; if no time has passed, only publish results of ended goals."""
         command: Velocity | None = None
@@ -478,7 +584,7 @@ class NavigationNode(Node):
         if command is not None:
             self._moving = command != STOP
             outbox.put(CMD_VEL, twist_message(now_ns, command))
-        docks = drive.robot.docks.docked() if drive is not None else {}
+        docks = dict[str, SE2] if drive is None else drive.robot.docks.docked
         for result in self._goals.take_results(docks):
             if isinstance(result, NavigationResult):
                 outbox.put(NAVIGATION_RESULT, result)
@@ -504,6 +610,12 @@ class NavigationNode(Node):
         ):
             local = drive.robot.local_costmap
             outbox.offer(LOCAL_COSTMAP, lambda: costmap_message(now_ns, local, ODOM_FRAME))
+            odom = self._measured.odom
+            if odom is not None:
+                footprint = drive.robot.footprint
+                outbox.offer(
+                    PUBLISHED_FOOTPRINT, lambda: footprint_message(now_ns, footprint, odom[1])
+                )
         state = self._monitor_state
         if state is not None and drive.monitor_published != (state.action, state.polygon_name):
             drive.monitor_published = (state.action, state.polygon_name)
@@ -517,9 +629,31 @@ class NavigationNode(Node):
                 goal = None if request is None else goal_of(request, drive.robot.docks.docked())
                 outbox.put(
                     ACTION_FEEDBACK,
-                    feedback_document(self._goals.current.goal_id, feedback, paused, goal),
+                    feedback_document(
+                        self._goals.current.goal_id, feedback, paused, goal, drive.stopped_at
+                    ),
                 )
+        self._publish_checkpoint(outbox, feedback)
         self._publish_status(now_ns, outbox, feedback)
+
+    def _publish_checkpoint(self, outbox: Outbox, feedback: TaskFeedback | None) -> None:
+        if self._kept is not None or not outbox.is_read(NAVIGATION_CHECKPOINT):
+            return
+        goal = self._goals.remaining(feedback)
+        if goal == self._checkpoint:
+            return
+        self._checkpoint = goal
+        outbox.put(
+            NAVIGATION_CHECKPOINT,
+            act.NavigationCheckpoint(
+                world_hash=self.world_hash,
+                epoch=self._watch.epoch,
+                goal=None if goal is None else goal.asked,
+                goal_id="" if goal is None else goal.goal_id,
+                goal_stamp_ns=None if goal is None else goal.stamp_ns,
+                start_ns=0 if goal is None else goal.start_ns,
+            ),
+        )
 
     def _publish_zones(self, now_ns: int, outbox: Outbox, robot: RobotContext) -> None:
         """Publish masks of the zones; of zones that were removed, an empty one."""
@@ -569,6 +703,9 @@ class NavigationNode(Node):
         drive = self._drive
         request = drive.navigator.request if drive is not None else None
         goal = request.pose if isinstance(request, NavigateToPose) else None
+        if self._kept is not None and isinstance(self._kept.goal, act.NavigateToPose):
+            # It is not lost: nobody need send it again.
+            goal = self._kept.goal.pose.se2()
         localized = self._localized() and drive is not None
         state = "idle"
         if drive is not None and request is not None:

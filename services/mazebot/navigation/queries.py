@@ -39,11 +39,17 @@ def smooth_path(ask: act.SmoothPath, ready: Ready) -> act.SmoothPathReply:
 
 
 def clear_costmap(ask: act.ClearCostmap, ready: Ready) -> act.Reply:
-    """Clear the costmaps that are named."""
+    """Clear the costmaps that are named; also of what the lidar does not show, where that is asked
+    for entirely.
+    """
     try:
         drive = ready()
+        # A person knows better than what was seen.
+        drive.robot.forget_places()
         for request in clear_requests(ask):
             drive.robot.clear_costmap(request)
+            if request.area == "entirely":
+                drive.forget_hidden()
     except NavigationError as error:
         return act.Reply(error=error.message)
     return act.Reply()

@@ -8,6 +8,7 @@ from typing import Annotated
 from pydantic import AfterValidator, Field
 
 from mazebot.common.config import ServiceConfig
+from mazebot.perception.depth_scan import DepthScanParams
 
 
 def _odd(value: int) -> int:
@@ -82,3 +83,4 @@ class PerceptionConfig(ServiceConfig):
         ge=0.0,
         description="greatest time between an image and the nearest odometry",
     )
+    depth_scan: DepthScanParams = DepthScanParams()

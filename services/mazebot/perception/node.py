@@ -1,12 +1,12 @@
-"""Perception: camera images in, marker detections out."""
+"""Perception: camera images in, marker detections and a scan of what stands on the floor out."""
 
 from __future__ import annotations
 
 import logging
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -14,10 +14,12 @@ import numpy as np
 from mazebot.common.maths import portable
 from mazebot.common.maths.frames import (
     BASE_FOOTPRINT_FRAME,
+    CAMERA_FRAME,
     MAP_FRAME,
     ODOM_FRAME,
     Array,
     pose_matrix,
+    se2_from_matrix,
 )
 from mazebot.common.maths.pose_history import PoseHistory
 from mazebot.common.messages import messages as msg
@@ -25,6 +27,9 @@ from mazebot.common.messages.documents import Entities, MarkerEntity
 from mazebot.common.messages.topics import (
     CAMERA_IMAGE,
     CAMERA_INFO,
+    DEPTH_IMAGE,
+    DEPTH_INFO,
+    DEPTH_SCAN,
     DETECTIONS,
     ENTITIES,
     MAP_DETECTIONS,
@@ -39,6 +44,7 @@ from mazebot.common.node.frame_tree import FrameTree
 from mazebot.common.node.node import Inbox, Node, Outbox
 from mazebot.common.world.marker_picture import marker_count, own_dictionaries
 from mazebot.perception.config import PerceptionConfig
+from mazebot.perception.depth_scan import Depths, DepthScan, depth_scan
 from mazebot.perception.detect import dictionary_exists, grey_from_rgb
 from mazebot.perception.find import Findings, Found, MarkerFinder, Name
 from mazebot.perception.picture import png_from_rgb
@@ -51,6 +57,12 @@ _CLOCK_LAG_NS = 100_000_000
 """Transforms may be newer than the clock by this much."""
 _DISTORTION_LENGTHS = (4, 5, 8, 12, 14)
 
+_DEPTH_TYPES: dict[str, np.dtype[Any]] = {
+    "32FC1": np.dtype(np.float32),
+    "16UC1": np.dtype(np.uint16),
+}
+"""Of depths: metres, and millimetres."""
+
 UNKNOWN_KEY, MISPLACED_KEY = "unknown marker ", "misplaced marker "
 """Starts of keys in /diagnostics, before dictionary and id."""
 
@@ -58,23 +70,28 @@ _log = logging.getLogger("perception")
 
 
 class PerceptionNode(Node):
-    """Detects the markers of the world, each with every pose that its corners allow.
+    """Detects the markers of the world, each with every pose that its corners allow, and what
+    stands on the floor before the camera.
 
     Detections are in the frame of their image, which is the camera's optical frame; they are also
-    published in the map, by the pose that navigation estimates, for users.
+    published in the map, by the pose that navigation estimates, for users. The scan of a depth
+    image is in the camera's own frame.
     """
 
     name = "perception"
     _config: PerceptionConfig
-    wakes = (CAMERA_IMAGE, CAMERA_INFO)
+    wakes = (CAMERA_IMAGE, CAMERA_INFO, DEPTH_IMAGE, DEPTH_INFO)
     period_ns = 100_000_000
-    """As long as the search for markers may take: what it finds is published one step later."""
+    """As long as work on an image may take: what it gives is published one step later."""
     depth = 4
 
     def __init__(self, config: PerceptionConfig) -> None:
         self._config = config
         self._worker = ThreadPoolExecutor(1, "markers")
         self._search: _Search | None = None
+        self._depth: tuple[int, Future[DepthScan | None]] | None = None
+        """Stamp of a depth image, and the scan that is being made of it."""
+        self._depth_info: msg.CameraInfo | None = None
         self._entities: Entities | None = None
         self._finder = MarkerFinder(config)
         self._dictionaries: dict[str, cv2.aruco.Dictionary] = {}
@@ -90,7 +107,9 @@ class PerceptionNode(Node):
         self._published = False
         self._static_frames = FrameTree()
         self._odom_from_base = PoseHistory(_ODOMETRY_KEPT)
-        self._map_from_odom: Array | None = None
+        self._odometry: deque[tuple[int, msg.Transform]] = deque(maxlen=_ODOMETRY_KEPT)
+        """What is not in the history yet: it is added when it is needed."""
+        self._map_from_odom: msg.Transform | None = None
         self._now_ns = 0
 
     def nominal_rates_hz(self) -> dict[str, Topic[msg.Image]]:
@@ -98,13 +117,15 @@ class PerceptionNode(Node):
         return {DETECTIONS.name: CAMERA_IMAGE}
 
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
-        """Begin to look for markers in each image whose intrinsics are received, and publish those
-        of the images before.
+        """Begin to look for markers in each image whose intrinsics are received, and publish what
+        the images before gave.
         """
         if now_ns < self._now_ns:
             self._forget_pictures()
-        if self._search is not None and now_ns > self._now_ns:
-            self._publish_found(outbox)
+        if now_ns > self._now_ns:
+            if self._search is not None:
+                self._publish_found(outbox)
+            self._publish_depth_scan(outbox)
         self._now_ns = now_ns
         self._take_world(inbox)
         self._take_transforms(inbox)
@@ -125,6 +146,7 @@ class PerceptionNode(Node):
                 self._image = image
             else:
                 inbox.reject(CAMERA_IMAGE, "no camera_info with its stamp")
+        self._take_depth(inbox, outbox)
 
     def facts(self) -> dict[str, str]:
         """How often each marker was ignored that is not of the world, or not in its place."""
@@ -144,6 +166,7 @@ class PerceptionNode(Node):
         """See Node."""
         nowhere = np.zeros((1, 1))
         brightness_at(np.zeros((1, 1), np.uint8), nowhere, nowhere)
+        depth_scan(np.ones((8, 8), np.float32), np.eye(3), np.eye(4), 0.0, self._config.depth_scan)
 
     def close(self) -> None:
         """End the thread that looks for markers."""
@@ -178,9 +201,11 @@ class PerceptionNode(Node):
         if self._search is not None:
             self._search.found.exception()
             self._search = None
+        self._depth = None
         self._image = self._photo_wanted_ns = None
         self._infos.clear()
         self._odom_from_base.clear()
+        self._odometry.clear()
         self._map_from_odom = None
         self._ignored.clear()
         self._finder.forget_picture()
@@ -223,9 +248,48 @@ class PerceptionNode(Node):
                         # From a simulation that has ended since.
                         inbox.reject(TF, "stamp in the future")
                         continue
-                    self._odom_from_base.add(stamp_ns, msg.matrix_from_transform(entry.transform))
+                    self._odometry.append((stamp_ns, entry.transform))
                 elif pair == (MAP_FRAME, ODOM_FRAME):
-                    self._map_from_odom = msg.matrix_from_transform(entry.transform)
+                    self._map_from_odom = entry.transform
+
+    def _take_depth(self, inbox: Inbox, outbox: Outbox) -> None:
+        """Begin to make a scan of the newest depth image."""
+        infos, images = inbox.new(DEPTH_INFO), inbox.new(DEPTH_IMAGE)
+        for info in infos:
+            if info.k[0] > 0.0 and info.k[4] > 0.0 and info.k[8] == 1.0:
+                self._depth_info = info
+            else:
+                inbox.reject(DEPTH_INFO, "intrinsics not of a pinhole camera")
+        known, config = self._depth_info, self._config.depth_scan
+        if not (images and config.enabled and known is not None):
+            return
+        image, frames = images[-1], self._static_frames
+        base_from_camera = frames.chain(BASE_FOOTPRINT_FRAME, image.header.frame_id)
+        base_from_link = frames.chain(BASE_FOOTPRINT_FRAME, CAMERA_FRAME)
+        pixel_bytes = _DEPTH_TYPES.get(image.encoding, np.dtype(np.uint8)).itemsize
+        if image.encoding not in _DEPTH_TYPES or image.is_bigendian:
+            inbox.reject(DEPTH_IMAGE, "encoding is not 32FC1 or 16UC1, little endian")
+        elif (image.width, image.height) != (known.width, known.height):
+            inbox.reject(DEPTH_IMAGE, "size is not that of camera_info")
+        elif image.step != pixel_bytes * image.width or image.width * image.height == 0:
+            inbox.reject(DEPTH_IMAGE, "step is not that of the width")
+        elif base_from_camera is not None and base_from_link is not None:
+            self._publish_depth_scan(outbox)
+            intrinsics = np.asarray(known.k, np.float64).reshape(3, 3)
+            yaw_rad = se2_from_matrix(base_from_link).yaw_rad
+            scan = self._worker.submit(
+                lambda: depth_scan(_depths(image), intrinsics, base_from_camera, yaw_rad, config)
+            )
+            self._depth = msg.ns_from_time(image.header.stamp), scan
+
+    def _publish_depth_scan(self, outbox: Outbox) -> None:
+        """Publish the scan of the depth image before."""
+        if self._depth is None:
+            return
+        (stamp_ns, made), self._depth = self._depth, None
+        scan = made.result()
+        if scan is not None:
+            outbox.put(DEPTH_SCAN, _scan_message(stamp_ns, scan))
 
     def _take_info(self, info: msg.CameraInfo, inbox: Inbox) -> None:
         if not (info.k[0] > 0.0 and info.k[4] > 0.0 and info.k[8] == 1.0):
@@ -268,12 +332,11 @@ class PerceptionNode(Node):
             self._ignore(MISPLACED_KEY, name, "which is not at its registered height and tilt")
         found = findings.found
         outbox.put(DETECTIONS, _detections(stamp_ns, frame, np.eye(4), found))
+        if not outbox.is_read(MAP_DETECTIONS):
+            return
         map_from_camera = self._map_from_camera(stamp_ns, frame)
         if map_from_camera is not None:
-            outbox.offer(
-                MAP_DETECTIONS,
-                lambda: _detections(stamp_ns, MAP_FRAME, map_from_camera, found),
-            )
+            outbox.put(MAP_DETECTIONS, _detections(stamp_ns, MAP_FRAME, map_from_camera, found))
 
     def _publish_photo(self, image: msg.Image, outbox: Outbox) -> None:
         """Publish the image where navigation wants a picture, and it is not of before that."""
@@ -309,13 +372,41 @@ class PerceptionNode(Node):
 
     def _map_from_camera(self, stamp_ns: int, camera_frame: str) -> Array | None:
         tolerance_ns = round(self._config.transform_tolerance_s * 1e9)
+        while self._odometry:
+            taken_ns, transform = self._odometry.popleft()
+            self._odom_from_base.add(taken_ns, msg.matrix_from_transform(transform))
         odom_from_base = self._odom_from_base.at(stamp_ns, tolerance_ns)
         base_from_camera = self._static_frames.chain(BASE_FOOTPRINT_FRAME, camera_frame)
         if self._map_from_odom is None or odom_from_base is None or base_from_camera is None:
             return None
-        return portable.product(
-            portable.product(self._map_from_odom, odom_from_base), base_from_camera
-        )
+        map_from_odom = msg.matrix_from_transform(self._map_from_odom)
+        return portable.product(map_from_odom, odom_from_base, base_from_camera)
+
+
+def _depths(image: msg.Image) -> Depths:
+    """(h, w) metres."""
+    pixels = image.data.view(_DEPTH_TYPES[image.encoding]).reshape(image.height, image.width)
+    if image.encoding == "16UC1":
+        return pixels.astype(np.float32) * np.float32(0.001)
+    # The kernel is compiled for arrays that can be written to.
+    depth_m: Depths = pixels if pixels.flags.writeable else pixels.copy()
+    return depth_m
+
+
+def _scan_message(stamp_ns: int, scan: DepthScan) -> msg.LaserScan:
+    last = len(scan.ranges_m) - 1
+    return msg.LaserScan(
+        header=msg.header(stamp_ns, CAMERA_FRAME),
+        angle_min=msg.float32(scan.angle_min_rad),
+        angle_max=msg.float32(scan.angle_min_rad + last * scan.angle_increment_rad),
+        angle_increment=msg.float32(scan.angle_increment_rad),
+        time_increment=0.0,
+        scan_time=0.0,
+        range_min=msg.float32(scan.range_min_m),
+        range_max=msg.float32(scan.range_max_m),
+        ranges=scan.ranges_m,
+        intensities=np.zeros(0, np.float32),
+    )
 
 
 class _Search(NamedTuple):

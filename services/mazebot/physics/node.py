@@ -9,11 +9,17 @@ from typing import Any
 
 from mazebot.common.config import ConfigError
 from mazebot.common.maths import portable
-from mazebot.common.maths.frames import BASE_FOOTPRINT_FRAME, CAMERA_OPTICAL_FRAME
+from mazebot.common.maths.frames import (
+    BASE_FOOTPRINT_FRAME,
+    CAMERA_OPTICAL_FRAME,
+    SCAN_FRAME,
+)
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.documents import (
+    BodyEntity,
     Entities,
     Planar,
+    SimulationCheckpoint,
     SimulationControl,
     SimulationControlReply,
     SimulationStats,
@@ -32,11 +38,14 @@ from mazebot.common.messages.topics import (
     DEPTH_INFO,
     DESIRED_ENTITIES,
     ENTITIES,
+    ENTITY_MARKERS,
     GROUND_TRUTH_ODOM,
     IMU,
     JOINT_STATES,
     ODOM,
+    ROBOT_DESCRIPTION,
     SCAN,
+    SIMULATION_CHECKPOINT,
     SIMULATION_CONTROL,
     SIMULATION_STATS,
     TF,
@@ -65,6 +74,7 @@ from mazebot.physics.camera.renderers import make_renderer
 from mazebot.physics.camera.scene import build_scene
 from mazebot.physics.config import PhysicsConfig, steps_per_period, time_of_step_ns
 from mazebot.physics.run_control import ControlRequest, RunControl
+from mazebot.physics.rviz_messages import EntityMarkers, WheelFrames
 from mazebot.physics.sensors.ground_truth import ground_truth, joint_states, mover_frames
 from mazebot.physics.simulation import STEP_S, Simulation
 
@@ -72,12 +82,20 @@ _Report = Callable[[Simulation, int, Outbox], None]
 _MAX_DESIRED_SETS = 4
 _IMU_STEPS, _ODOM_STEPS = (steps_per_period(topic.rate_hz or 1.0) for topic in (IMU, ODOM))
 """Steps between messages"""
+_CHECKPOINT_STEPS = steps_per_period(SIMULATION_CHECKPOINT.rate_hz or 1.0)
+_WHEEL_STEPS = steps_per_period(10.0)
+"""Steps between the frames of the wheels, which nothing but a drawing needs."""
 
+_OF_THE_WORLD: tuple[Topic[Any], ...] = (ASSETS, WORLD, DESIRED_ENTITIES)
 _log = logging.getLogger("physics")
 
 
 class PhysicsNode(ClockNode):
     """Time is stopped until a world, its assets and its set of entities are received and built.
+
+    A process that is started again goes on where the one before was, by the checkpoint that others
+    keep: the same world, run and seed, the robot at rest. Time goes on, later than anything that
+    the one before has sent; the epoch is another one.
 
     Another world is prepared while the old one runs on, and replaces it once all its parts are
     received; time goes on. A world that cannot be built changes nothing.
@@ -92,8 +110,10 @@ class PhysicsNode(ClockNode):
     def __init__(self, config: PhysicsConfig) -> None:
         """Raises ConfigError if the robot's model or the requested renderer is not available."""
         self._config = config
+        self._urdf = config.robot_urdf()
         try:
-            self._model = robot_model_from_urdf(config.robot_urdf())
+            self._model = robot_model_from_urdf(self._urdf)
+            self._wheels = WheelFrames.of(self._model)
             self._footprint_from_optical = self._model.transform(
                 BASE_FOOTPRINT_FRAME, CAMERA_OPTICAL_FRAME
             )
@@ -103,20 +123,34 @@ class PhysicsNode(ClockNode):
             config.camera_width_px, config.camera_height_px, config.camera_horizontal_fov_rad
         )
         kind = config.renderer if config.camera_enabled else "none"
-        depth_range_m = config.camera_depth_min_m, config.camera_depth_max_m
-        self._renderer = make_renderer(
-            kind, self._intrinsics, depth_range_m if config.camera_depth_enabled else None
+        depth_range_m = (
+            (config.camera_depth_min_m, config.camera_depth_max_m)
+            if config.camera_depth_enabled
+            else None
         )
+        self._renderer = make_renderer(kind, self._intrinsics, depth_range_m)
         self._darkroom = None if self._renderer is None else Darkroom(self._renderer)
+        if depth_range_m is None or self._renderer is None:
+            lidar_m = self._model.transform(BASE_FOOTPRINT_FRAME, SCAN_FRAME)[2, 3]
+            _log.info(
+                "No depth camera: the robot sees only what its lidar's plane meets, %.3f m above "
+                "the floor, and does not see low things, sills, table tops and glass",
+                lidar_m,
+            )
         self._timeout_ns = round(config.cmd_vel_timeout_s * 1e9)
         self._steps = 0
         self._epoch = 0
+        self._resumed_from: int | None = None
+        """Epoch in which the run began that a process before had; None: it began with this one."""
+        self._kept: SimulationCheckpoint | None = None
+        """Of the process before, until its world is loaded again."""
         self._seed = config.seed
         self._control = RunControl()
         self._assets = Assets()
         self._desired: dict[str, Entities] = {}
         self._next_world: World | None = None
         self._entities: Entities | None = None
+        self._entity_markers = EntityMarkers()
         self._commander: str | None = None
         """The source of the last velocity command, while it is alive."""
         self._simulation: Simulation | None = None
@@ -209,7 +243,7 @@ class PhysicsNode(ClockNode):
     def _take_in_messages(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
         if inbox.pending(SIMULATION_STATS):
             self._take_in_past(inbox, outbox)
-        if inbox.pending(ASSETS) or inbox.pending(WORLD) or inbox.pending(DESIRED_ENTITIES):
+        if self._simulation is None or any(inbox.pending(one) for one in _OF_THE_WORLD):
             self._take_in_world(now_ns, inbox, outbox)
         if inbox.pending(CMD_VEL):
             self._take_in_command(now_ns, inbox)
@@ -256,6 +290,7 @@ class PhysicsNode(ClockNode):
         """Report that PyBullet's state was not physical, and respawn the entities."""
         _log.error("invalid state of a body: rebuilt world '%s'", self._name())
         self._epoch += 1
+        self._resumed_from = None
         self._place_entities(simulation.world, outbox)
         self._publish_stats(outbox)
 
@@ -298,6 +333,7 @@ class PhysicsNode(ClockNode):
             old.close()
         # Drop the commands that were sent before the reset.
         inbox.new(CMD_VEL)
+        self._resumed_from = None
         self._seed = seed
         self._steps = 0
         self._epoch += 1
@@ -344,8 +380,10 @@ class PhysicsNode(ClockNode):
         request.respond(SimulationControlReply(error=error, stats=stats))
 
     def _publish_stats(self, outbox: Outbox) -> None:
-        if self._simulation is not None:
-            outbox.put(SIMULATION_STATS, self._stats(self._simulation))
+        simulation = self._simulation
+        if simulation is not None:
+            outbox.put(SIMULATION_STATS, self._stats(simulation))
+            outbox.offer(SIMULATION_CHECKPOINT, lambda: self._checkpoint(simulation))
 
     def _take_in_command(self, now_ns: int, inbox: Inbox) -> None:
         """Accept the commands of one source until it stops the robot or times out; those of others
@@ -383,12 +421,19 @@ class PhysicsNode(ClockNode):
             self._take_in_newest_world(world, inbox)
         for desired in inbox.new(DESIRED_ENTITIES):
             self._take_in_desired(desired, outbox)
-        epoch = self._epoch
+        epoch, is_first = self._epoch, self._simulation is None
+        if is_first:
+            self._kept = inbox.latest(SIMULATION_CHECKPOINT) or self._kept
+            if not inbox.is_handed_over:
+                return
         if self._next_world is not None and self._missing(self._next_world) is None:
             self._load(self._next_world, now_ns, inbox, outbox)
             self._next_world = None
         if self._simulation is not None:
             self._place_entities(self._simulation.world, outbox)
+            if self._kept is not None:
+                self._resume(self._kept, self._simulation, outbox)
+                self._kept = None
         if self._epoch != epoch:
             self._publish_stats(outbox)
 
@@ -442,7 +487,27 @@ class PhysicsNode(ClockNode):
         entities = (entity for one in sets for entity in one.entities)
         return set(assets_of(*filter(None, worlds), *entities))
 
+    def _resume(self, kept: SimulationCheckpoint, simulation: Simulation, outbox: Outbox) -> None:
+        """Go on where the process before was."""
+        simulation.restore(kept)
+        self._control.restore(kept.paused, kept.speed)
+        # Nothing that the process before has sent must be later.
+        self._steps = kept.iterations + 2 * _CHECKPOINT_STEPS
+        self._resumed_from = kept.run_epoch
+        outbox.now_ns = self.now_ns
+        pose = simulation.bodies.footprint_pose()
+        _log.warning(
+            "simulation resumed after step %d, at %.3f s: robot at (%.2f, %.2f, %.2f)",
+            kept.iterations, self.now_ns * 1e-9, *pose,
+        )  # fmt: skip
+
     def _load(self, world: World, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
+        kept, self._kept = self._kept, None
+        if kept is not None and kept.world_hash != world.hash:
+            kept = None
+        if kept is not None:
+            self._seed = kept.seed
+            self._epoch = max(self._epoch, kept.epoch)
         try:
             meshes = meshes_of(world.bodies, self._assets.files)
             simulation = self._simulation_of(world, meshes, self._seed)
@@ -458,6 +523,9 @@ class PhysicsNode(ClockNode):
             return
         if self._simulation is not None:
             self._simulation.close()
+        if kept is not None:
+            simulation.bodies.set_robot_aside()
+        self._kept, self._resumed_from = kept, None
         self._simulation = simulation
         self._placement = placement
         self._surfaces = seen
@@ -475,6 +543,7 @@ class PhysicsNode(ClockNode):
             for joint in self._model.fixed_joints()
         ]
         outbox.put(TF_STATIC, msg.TFMessage(transforms=transforms))
+        outbox.put(ROBOT_DESCRIPTION, msg.String(data=self._urdf))
 
     def _place_entities(self, world: World, outbox: Outbox) -> None:
         """Bring the entities to the desired set as far as possible; publish only a change."""
@@ -500,6 +569,18 @@ class PhysicsNode(ClockNode):
             if before is None or refusal not in before.refused:
                 _log.warning("entity '%s' rejected: %s", refusal.name, refusal.reason)
         outbox.put(ENTITIES, entities)
+        if before is None or entities.entities != before.entities:
+            self._put_entity_markers(entities, self._simulation, outbox)
+
+    def _put_entity_markers(
+        self, entities: Entities, simulation: Simulation, outbox: Outbox
+    ) -> None:
+        bodies = [one for one in entities.entities if isinstance(one, BodyEntity)]
+        markers = self._entity_markers.array(
+            entities, simulation.world, meshes_of(bodies, self._assets.files),
+            simulation.bodies.mover_names, self.now_ns,
+        )  # fmt: skip
+        outbox.put(ENTITY_MARKERS, markers)
 
     def _name(self) -> str:
         return self._simulation.world.name if self._simulation is not None else ""
@@ -511,11 +592,12 @@ class PhysicsNode(ClockNode):
             (ODOM.rate_hz, self._put_odometry),
             (self._config.scan_rate_hz, self._put_scan),
             (SIMULATION_STATS.rate_hz, self._put_stats),
+            (SIMULATION_CHECKPOINT.rate_hz, self._put_checkpoint),
             (CLOCK.rate_hz, self._put_clock),
         ]
         if self._renderer is not None:
             # After the statistics, which wait for the hash of all pictures before.
-            rates.insert(4, (self._config.camera_rate_hz, self._put_picture))
+            rates.insert(5, (self._config.camera_rate_hz, self._put_picture))
         periods = [(steps_per_period(rate or 1.0), report) for rate, report in rates]
         cycle = math.lcm(*(period for period, _ in periods))
         return [
@@ -529,8 +611,10 @@ class PhysicsNode(ClockNode):
         bodies, odometry = simulation.bodies, simulation.odometry
         angles_rad = simulation.wheel_angles_rad
         odometry.update(angles_rad, _ODOM_STEPS * STEP_S)
-        transforms = odometry.transform(now_ns).transforms
-        outbox.put(TF, msg.TFMessage(transforms=[*transforms, *mover_frames(bodies, now_ns)]))
+        transforms = [*odometry.transform(now_ns).transforms, *mover_frames(bodies, now_ns)]
+        if self._steps % _WHEEL_STEPS == 0:
+            transforms += self._wheels.transforms(angles_rad, now_ns)
+        outbox.put(TF, msg.TFMessage(transforms=transforms))
         outbox.put(ODOM, odometry.message(now_ns))
         speeds_rad_s = simulation.wheel_speeds_rad_s
         outbox.offer(JOINT_STATES, lambda: joint_states(angles_rad, speeds_rad_s, now_ns))
@@ -577,10 +661,32 @@ class PhysicsNode(ClockNode):
             speed=self.speed,
             seed=self._seed,
             epoch=self._epoch,
+            resumed_from=self._resumed_from,
             entities=len(self._entities.entities) if self._entities is not None else 0,
             renderer="none" if self._renderer is None else self._renderer.name,
             state_hash=simulation.state_hash.hex(),
             image_hash="" if self._renderer is None else simulation.image_hash.hex(),
+            watchdog_stops=simulation.watchdog_stops,
+        )
+
+    def _put_checkpoint(self, simulation: Simulation, now_ns: int, outbox: Outbox) -> None:
+        outbox.offer(SIMULATION_CHECKPOINT, lambda: self._checkpoint(simulation))
+
+    def _checkpoint(self, simulation: Simulation) -> SimulationCheckpoint:
+        robot, movers = simulation.bodies.checkpoints()
+        return SimulationCheckpoint(
+            world_hash=simulation.world.hash,
+            epoch=self._epoch,
+            run_epoch=self._epoch if self._resumed_from is None else self._resumed_from,
+            seed=self._seed,
+            iterations=self._steps,
+            paused=self.paused,
+            speed=self.speed,
+            robot=robot,
+            wheel_angles_rad=simulation.bodies.state.wheel_angles_rad,
+            odom_from_base=Planar.of(simulation.odometry.odom_from_footprint),
+            odom_covariance=tuple(simulation.odometry.planar_covariance),
+            movers=tuple(movers),
             watchdog_stops=simulation.watchdog_stops,
         )
 

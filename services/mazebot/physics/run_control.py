@@ -26,6 +26,10 @@ class RunControl:
         self._running: ControlRequest | None = None
         """The request for that run, replied to at its end."""
 
+    def restore(self, paused: bool, speed: float) -> None:
+        """Let time pass as in a simulation before, whose runs of steps have ended with it."""
+        self._paused, self.speed = paused, speed
+
     def stands(self, steps_done: int) -> bool:
         """Whether time is stopped after the steps done."""
         if self._last_step is not None:

@@ -4,8 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from mazebot.common.maths.frames import BASE_FOOTPRINT_FRAME, IMU_FRAME, SCAN_FRAME
-from mazebot.common.messages.documents import Contact, World
+from mazebot.common.maths.frames import (
+    BASE_FOOTPRINT_FRAME,
+    IMU_FRAME,
+    SCAN_FRAME,
+    PlanarCovariance,
+)
+from mazebot.common.messages.documents import Contact, SimulationCheckpoint, World
 from mazebot.common.node.node import random_generator
 from mazebot.common.world.geometry import TriangleMesh
 from mazebot.physics.bodies.bodies import Bodies
@@ -118,6 +123,18 @@ class Simulation:
         self.state_hash.add(state, movers)
         touches = self.bodies.touches()
         return self.contacts.begun(touches, now_ns, STEP_S) if touches else []
+
+    def restore(self, kept: SimulationCheckpoint) -> None:
+        """Go on where another simulation of the same world was, the robot at rest. Entities must
+        have been spawned before.
+        """
+        self.bodies.restore(kept.robot, kept.wheel_angles_rad, kept.movers)
+        self.odometry.restore(
+            self.wheel_angles_rad,
+            kept.odom_from_base.se2(),
+            PlanarCovariance(*kept.odom_covariance),
+        )
+        self.watchdog_stops_before = kept.watchdog_stops
 
     def restart_clock(self, now_ns: int) -> None:
         """Set the time from `now_ns` back to 0 and reset the hashes; nothing moves."""

@@ -64,6 +64,14 @@ class RecorderConfig(ServiceConfig):
     live_memory_mib: int = Field(
         256, ge=16, description="memory for data sent to late viewers; the oldest is dropped first"
     )
+    foxglove: bool = Field(False, description="serve the run live to Foxglove, by its websocket")
+    foxglove_bind: str = Field("127.0.0.1", description="address on which that server listens")
+    foxglove_port: int = Field(8765, ge=0, le=65535, description="its port; 0: any free one")
+    foxglove_key_file: Path | None = Field(
+        None,
+        description="where the router asks for keys: the one with which the app's orders are sent, "
+        "such as the operator's; none: the recorder's own, with which it may send none",
+    )
     jpeg_quality: int = Field(75, ge=1, le=100, description="of the recorded camera images")
     video: bool = Field(
         True,
@@ -72,3 +80,8 @@ class RecorderConfig(ServiceConfig):
     min_free_mib: int = Field(
         64, ge=0, description="free disk space below which the recording stops until there is more"
     )
+
+    @property
+    def keeps_messages(self) -> bool:
+        """Whether messages are recorded or shown, and not only judged."""
+        return self.record or self.live or self.foxglove

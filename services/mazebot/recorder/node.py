@@ -16,6 +16,7 @@ from mazebot.common.messages.pending_image import PendingImage
 from mazebot.common.messages.topics import (
     ACTION_RESULT,
     ASSETS,
+    CLOCK,
     CONTACTS,
     DESIRED_ENTITIES,
     DIAGNOSTICS,
@@ -54,6 +55,8 @@ from mazebot.recorder.keeping.versions import hardware, versions
 from mazebot.recorder.stream.message_log import Taken
 
 if TYPE_CHECKING:
+    from mazebot.common.client.robot import Robot
+    from mazebot.recorder.foxglove.server import FoxgloveServer
     from mazebot.recorder.keeping.live import LiveView
 
 _LOG = logging.getLogger("recorder")
@@ -90,8 +93,14 @@ _FIXED: tuple[Topic[Any], ...] = (
 _OF_A_RUN: tuple[Topic[Any], ...] = (MAP, POSE_GRAPH, EXPLORATION_STATUS)
 """but of these none is, where the robot makes the map."""
 
-_UNRECORDED: tuple[Topic[Any], ...] = (*JUDGED, *_EARLY, *_FIXED, WORLD, ASSETS, SIMULATION_STATS)
-"""What the evaluation of a run needs that is neither recorded nor drawn."""
+_UNRECORDED: tuple[Topic[Any], ...] = tuple(
+    topic
+    for topic in (*JUDGED, *_EARLY, *_FIXED, WORLD, ASSETS, SIMULATION_STATS)
+    if topic is not CLOCK
+)
+"""What the evaluation of a run needs that is neither recorded nor drawn: the time of its own steps
+takes the place of the clock's messages.
+"""
 
 _MOST_ASSETS = 1000
 _MOST_ASSET_BYTES = 256 * 1024 * 1024
@@ -122,8 +131,12 @@ class RecorderNode(Node):
         config: RecorderConfig,
         wall_clock_s: Callable[[], float] = time.monotonic,
         local_time: Callable[[], datetime] = datetime.now,
+        robot: Callable[[], Robot] | None = None,
     ) -> None:
-        """Raises ConfigError if a folder cannot be written or a port is in use."""
+        """`robot`: to which clients of Foxglove send goals and queries; called if it is enabled.
+
+        Raises ConfigError if a folder cannot be written or a port is in use.
+        """
         self._config = config
         self._local_time = local_time
         self._seed = config.seed
@@ -140,12 +153,25 @@ class RecorderNode(Node):
                 config.bind, config.web_port, config.grpc_port, config.live_memory_mib
             )
             _LOG.info("live view on http://localhost:%d", config.web_port)
+        self._robot: Robot | None = None
+        self._foxglove: FoxgloveServer | None = None
+        if config.foxglove:
+            from mazebot.recorder.foxglove.server import (  # noqa: PLC0415 - loads its SDK
+                LAYOUT,
+                FoxgloveServer,
+            )
+
+            self._robot = robot() if robot is not None else None
+            self._foxglove = FoxgloveServer(config.foxglove_bind, config.foxglove_port, self._robot)
+            where = f"ws://localhost:{self._foxglove.port}"
+            _LOG.info("Foxglove: open connection %s; layout: %s", where, LAYOUT)
         self._setting = Setting(
             config,
             wall_clock_s,
             versions(),
             hardware(),
             live=self._live.feed if self._live else None,
+            foxglove=self._foxglove,
             resumable=config.out_dir is None,
         )
         self._parameters = self._setting.parameters
@@ -172,9 +198,14 @@ class RecorderNode(Node):
         self._frames = _no_frames()
         self._evaluated_ns: int | None = None
 
+    @property
+    def foxglove_port(self) -> int | None:
+        """Where Foxglove is served; None: it is not."""
+        return None if self._foxglove is None else self._foxglove.port
+
     def reads(self) -> Collection[Topic[Any]]:
         """Everything, if it is recorded or drawn."""
-        return _READ if self._config.record or self._config.live else _UNRECORDED
+        return _READ if self._config.keeps_messages else _UNRECORDED
 
     def waiting_for(self) -> str | None:
         """A world, or free space for the recording."""
@@ -186,6 +217,8 @@ class RecorderNode(Node):
         stats_ns = [round(message.sim_time_s * 1e9) for message, _, _ in stats]
         begins = self._beginnings.look(now_ns, stats_ns) and self._run is not None
         now_ns = self._beginnings.now_ns
+        if self._foxglove is not None:
+            self._foxglove.set_time(now_ns)
         ended = inbox.pending(NAVIGATION_RESULT) or inbox.pending(ACTION_RESULT)
         later: list[tuple[Topic[Any], Taken]] = []
         for topic in _READ:
@@ -235,6 +268,10 @@ class RecorderNode(Node):
         if self._live is not None:
             self._live.close()
             self._live = None
+        if self._foxglove is not None:
+            self._foxglove.close()
+        if self._robot is not None:
+            self._robot.close()
 
     def _end_run(self) -> None:
         """End the current run, if there is one; its files are finished beside what comes next."""
@@ -255,7 +292,7 @@ class RecorderNode(Node):
     def _taken(self, topic: Topic[Any], arrival: Received[Any], inbox: Inbox) -> Taken | None:
         """A message with its CDR, if it is to be recorded; None: it cannot be encoded."""
         message, envelope, data = arrival
-        if not self._config.record:
+        if not self._config.record and self._foxglove is None:
             return Taken(message, envelope, ())
         if data is not None:
             return Taken(message, envelope, (data,))
@@ -271,6 +308,8 @@ class RecorderNode(Node):
     def _take(self, topic: Topic[Any], taken: Taken, now_ns: int) -> None:
         message = taken.message
         self._setting.latched.keep(topic, taken)
+        if self._foxglove is not None and topic.delivery is Delivery.LATCHED:
+            self._foxglove.keep(topic, taken, now_ns)
         if topic is WORLD:
             run = self._run
             self._take_world(message, now_ns)
@@ -366,10 +405,14 @@ class RecorderNode(Node):
         """Start a new run in a new folder, with what is known already; or resume one."""
         if self._run is not None:
             self._end_run()
+            if self._foxglove is not None:
+                self._foxglove.begin()
             if world.slam:
                 for topic in _OF_A_RUN:
                     self._setting.fixed.pop(topic, None)
                     self._setting.latched.forget(topic)
+                    if self._foxglove is not None:
+                        self._foxglove.forget(topic)
         folders = [interrupted] if interrupted is not None else []
 
         def make_folder() -> RunFolder:

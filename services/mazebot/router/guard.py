@@ -6,6 +6,7 @@ it ends the router and itself: its supervisor (Docker, by `restart`) restarts bo
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import signal
@@ -13,12 +14,14 @@ import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 from typing import NoReturn
 
 import zenoh
 
-from mazebot.common.bus.health import open_client, token_stands
+from mazebot.common.bus.health import open_client, root_of_environment, token_stands
 from mazebot.common.config import ConfigError, fail
+from mazebot.common.files.key_file import Key, KeyFileError, file_of, read_key
 from mazebot.common.settings.load import load
 from mazebot.router.config import RouterConfig
 
@@ -26,10 +29,11 @@ EXIT_NO_RESPONSE = 70
 PERIOD_S = 1.0
 START_TICKS = 30
 """Periods within which a router that was just started must first respond."""
+_STARVED_S = 0.2
+"""Time that the router's threads wait for a processor in a period, from which on it is starved."""
+_STARVED_TICK = 0.2
 STOP_S = 3.0
 STOPS = {signal.SIGTERM, signal.SIGINT}
-# Not read through BusConfig, whose import takes 30 MB of memory.
-_PREFIX = "MAZEBOT_BUS_PREFIX"
 
 
 class ResponseTimer:
@@ -37,16 +41,39 @@ class ResponseTimer:
 
     def __init__(self, patience_ticks: int) -> None:
         self._patience_ticks = patience_ticks
-        self._left = max(START_TICKS, patience_ticks)
+        self._left = float(max(START_TICKS, patience_ticks))
 
     def responded(self) -> None:
         """The router has responded."""
         self._left = self._patience_ticks
 
-    def tick(self) -> bool:
-        """One more period is over; return whether the router has timed out."""
-        self._left -= 1
+    def tick(self, starved: bool = False) -> bool:
+        """One more period is over; return whether the router has timed out. `starved`: in that
+        period it has waited for a processor, which does not say that it hangs.
+        """
+        self._left -= _STARVED_TICK if starved else 1.0
         return self._left < 0
+
+
+class Starvation:
+    """Whether a process lacks a processor, by the time that the kernel counts."""
+
+    def __init__(self, pid: int) -> None:
+        self._tasks = Path(f"/proc/{pid}/task")
+        self._waited_ns = self._read_ns()
+
+    def look(self) -> bool:
+        """Whether its threads have waited for more than `_STARVED_S` since the last call."""
+        waited_ns, self._waited_ns = self._waited_ns, self._read_ns()
+        return self._waited_ns - waited_ns > _STARVED_S * 1e9
+
+    def _read_ns(self) -> int:
+        waited_ns = 0
+        # A kernel without these figures, or a thread that has just ended.
+        with contextlib.suppress(OSError, ValueError, IndexError):
+            for task in self._tasks.iterdir():
+                waited_ns += int((task / "schedstat").read_text().split()[1])
+        return waited_ns
 
 
 def main(arguments: list[str]) -> NoReturn:
@@ -57,16 +84,19 @@ def main(arguments: list[str]) -> NoReturn:
         config = load(RouterConfig, "router", arguments)
     except ConfigError as error:
         fail(str(error))
-    signal.pthread_sigmask(signal.SIG_BLOCK, STOPS)
+    # The end of the router wakes the loop below at once.
+    signals = {*STOPS, signal.SIGCHLD}
+    signal.pthread_sigmask(signal.SIG_BLOCK, signals)
     router = subprocess.Popen([sys.executable, "-m", "mazebot.router.process", *arguments])
     timer = ResponseTimer(round(config.silence_s / PERIOD_S))
-    asking = threading.Thread(target=_ask, args=(reachable(config.listen), timer), daemon=True)
+    asking = threading.Thread(target=_ask, args=(config, timer), daemon=True)
     asking.start()
-    while signal.sigtimedwait(STOPS, PERIOD_S) is None:
+    starvation = Starvation(router.pid)
+    while (came := signal.sigtimedwait(signals, PERIOD_S)) is None or came.si_signo not in STOPS:
         code = router.poll()
         if code is not None:
             _end(code if code >= 0 else 128 - code)
-        if timer.tick():
+        if timer.tick(starvation.look()):
             sys.stderr.write(f"error: router: no response for {config.silence_s:g} s; exiting\n")
             router.kill()
             router.wait()
@@ -84,17 +114,26 @@ def reachable(listen: str) -> str:
     return re.sub(r"/(0\.0\.0\.0|\[::\]):", "/127.0.0.1:", listen)
 
 
-def _ask(endpoint: str, timer: ResponseTimer) -> None:
+def _ask(config: RouterConfig, timer: ResponseTimer) -> None:
     """Query the router periodically. A call that never returns counts as no response, too."""
-    session: zenoh.Session | None = None
+    endpoint, session = reachable(config.listen), None
     while True:
         try:
-            session = session or open_client(endpoint)
-            if token_stands(session, "router", os.environ.get(_PREFIX, "")):
+            session = session or open_client(endpoint, _own_key(config.keys_dir))
+            if token_stands(session, "router", root_of_environment()):
                 timer.responded()
-        except zenoh.ZError:
+            else:
+                # It may have been opened with a key that the router has no more.
+                session.close()  # type: ignore[no-untyped-call]
+                session = None
+        except (zenoh.ZError, KeyFileError):
             session = None
         time.sleep(PERIOD_S)
+
+
+def _own_key(folder: Path | None) -> Key | None:
+    """The router's key. Raises KeyFileError where there is none yet."""
+    return None if folder is None else read_key(file_of(folder, "router"))
 
 
 def _end(code: int) -> NoReturn:

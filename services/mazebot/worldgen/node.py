@@ -12,11 +12,11 @@ from mazebot.common.messages.messages import occupancy_grid
 from mazebot.common.messages.topics import ASSETS, LOAD_MAP, MAP, WORLD, WORLD_REQUEST, WORLD_STATUS
 from mazebot.common.node.node import Inbox, Node, Outbox
 from mazebot.common.problems import WorldError
+from mazebot.common.ros.map_exchange import MapDataError, map_of_document
 from mazebot.common.world.assets import asset_message
 from mazebot.common.world.map_files import MapFile, read_map
 from mazebot.common.world.marker_file import marker_file_of, read_markers
 from mazebot.worldgen.config import WorldgenConfig
-from mazebot.worldgen.map.map_exchange import MapDataError, map_of_document
 from mazebot.worldgen.recipe.loaded_world import LoadedWorld
 from mazebot.worldgen.recipe.loader import load_world
 

@@ -17,9 +17,11 @@ import pytest
 import yaml
 
 from mazebot.bench.parts.loopback_router import free_port
+from mazebot.bringup.tour import tour_goals
 from mazebot.cli.stack.plan import DEMO, StackOptions, plan_of
 from mazebot.cli.stack.state import StackFolder
 from mazebot.common.files.root import ROOT
+from mazebot.worldgen.recipe.loader import load_world
 from tests.cli.stack.running import runtime, wait_until
 from tests.cli.test_app import assert_one_line, mazebot
 
@@ -30,13 +32,14 @@ COMPOSE = yaml.safe_load((ROOT / "docker-compose.yaml").read_text())["services"]
 
 @pytest.fixture
 def port(runtime: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
-    """A free port, and no stack left on it."""
+    """A free port; no stack is left, on it or another one."""
     number = str(free_port())
     for variable in ("MAZEBOT_VIEWER_PORT", "MAZEBOT_VIEWER_DATA_PORT"):
         monkeypatch.setenv(variable, str(free_port()))
     monkeypatch.chdir(runtime)
     yield number
-    mazebot("down", "--router-port", number)
+    for folder in (runtime / "mazebot").glob("*"):
+        mazebot("down", "--router-port", folder.name)
 
 
 def listed_on(port: str) -> dict[str, dict[str, Any]]:
@@ -68,6 +71,26 @@ def test_the_services_are_those_of_the_containers(slam: bool, profile: str) -> N
 
 
 @pytest.mark.usefixtures("runtime", "no_viewer")
+def test_halves_are_those_of_the_containers() -> None:
+    for half, profile in (("simulator", "simulator"), ("navigation-only", "navigation-only")):
+        contained = {
+            service["command"][2].removeprefix("mazebot.")
+            for service in COMPOSE.values()
+            if profile in service["profiles"] and service["command"][0] == "python"
+        } - {"bringup.one_world"}
+        found = plan(only=(half,))
+        assert set(found) == contained
+        drives = found.get(DEMO, {}).get("MAZEBOT_BRINGUP_DRIVE")
+        assert drives == ("False" if half == "simulator" else None)
+    assert set(plan(only=("navigation-only",), slam=True)) == {
+        "router", "mapping", "explorer", "navigation", "recorder",
+    }  # fmt: skip
+    both = plan(only=("simulator", "navigation-only"))
+    assert set(both) == set(plan())
+    assert "MAZEBOT_BRINGUP_DRIVE" not in both[DEMO]
+
+
+@pytest.mark.usefixtures("runtime", "no_viewer")
 def test_options_are_the_settings_of_the_services(tmp_path: Path) -> None:
     found = plan(
         world="maze", overrides=("maze.seed=3", "maze.rows=12"), slam=True, seed=5, camera=False,
@@ -96,6 +119,9 @@ def test_options_are_the_settings_of_the_services(tmp_path: Path) -> None:
         (["--seed", "-1"], ["--seed", "-1"]),
         (["--use_aruco", "maybe"], ["--use_aruco", "maybe"]),
         (["--router-port", "0"], ["--router-port", "0"]),
+        (["--only", "simulatr"], ["--only", "simulatr", "did you mean simulator?"]),
+        (["--connect", "tcp/127.0.0.1:1"], ["--connect", "tcp/127.0.0.1:1", "router"]),
+        (["--connect", "nowhere"], ["--connect", "nowhere"]),
     ],
 )
 def test_bad_input_is_one_line_and_nothing_starts(
@@ -180,7 +206,7 @@ def test_ctrl_c_ends_all(port: str) -> None:
 @pytest.mark.slow
 @pytest.mark.timeout(400)
 def test_a_tour_is_followed_to_its_end_and_the_services_go_on(port: str) -> None:
-    words = ("--world", "original", "--no-camera", "--pace", "8", "--router-port", port)
+    words = ("--world", "original", "--no-camera", "--pace", "2", "--router-port", port)
     begin_s = time.monotonic()
     done = subprocess.run(
         [sys.executable, "-m", "mazebot.cli", "up", *words],
@@ -199,3 +225,69 @@ def test_a_tour_is_followed_to_its_end_and_the_services_go_on(port: str) -> None
     assert mazebot("down", "--router-port", port).stdout.endswith("8 services ended\n")
     (run,) = Path("recordings").iterdir()
     assert (run / "run.mcap").is_file()
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_navigation_alone_drives_the_simulator_of_another_stack(port: str) -> None:
+    loaded = load_world("original", True, ROOT / "worlds", None, ())
+    goals = tour_goals(loaded.world, (), loaded.map_cells, loaded.map_origin, 7)
+    other, endpoint = str(free_port()), f"tcp/127.0.0.1:{port}"
+    words = ("--world", "original", "--no-camera", "--pace", "2", "--detach")
+    done = mazebot("up", "--only", "simulator", *words, "--router-port", port)
+    assert done.returncode == 0, done.stderr
+    assert listed_on(port)[DEMO]["state"] == "ended (exit code 0)"
+    assert not {"localization", "navigation"} & listed_on(port).keys()
+    joined = ("--connect", endpoint, "--router-port", other)
+    done = mazebot("up", "--only", "navigation-only", *joined, "--detach")
+    assert done.returncode == 0, done.stderr
+    assert f"left out, as they run on {endpoint} already: recorder" in done.stdout
+    assert listed_on(other).keys() == {"localization", "navigation"}
+    assert_one_line(
+        mazebot("up", "--only", "worldgen", "--connect", endpoint, "--router-port",
+                str(free_port())), "--connect", endpoint, "already",
+    )  # fmt: skip
+    for name, goal in goals:
+        where = (str(goal.x_m), str(goal.y_m), str(goal.yaw_rad))
+        reached = mazebot("goal", *where, MAZEBOT_BUS_CONNECT=endpoint)
+        assert reached.returncode == 0, (name, reached.stdout, reached.stderr)
+    assert mazebot("down", "--router-port", other).stdout.endswith("2 services ended\n")
+    assert listed_on(port)["physics"]["state"] == "active"
+    assert mazebot("down", "--router-port", port).stdout.endswith("6 services ended\n")
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(400)
+def test_with_keys_the_owner_does_all_as_before_and_others_what_their_keys_let_them(
+    port: str, tmp_path: Path
+) -> None:
+    words = ("--world", "original", "--no-camera", "--pace", "2", "--detach")
+    done = mazebot("up", *words, "--keys", "mine", "--router-port", port)
+    assert done.returncode == 0, done.stderr
+    owner = {"MAZEBOT_BUS_CONNECT": f"tcp/127.0.0.1:{port}"}
+    wait_until(lambda: listed_on(port)[DEMO]["state"].startswith("ended"), 200.0)
+    assert mazebot("goal", "0.5", "0", "0", **owner).returncode == 0
+    assert mazebot("keys", "add", "anna", "--keys", "mine").returncode == 0
+    anna = owner | {"MAZEBOT_BUS_KEY_FILE": "mine/anna.key"}
+    wait_until(lambda: mazebot("entities", **anna).returncode == 0, 60.0)
+    refused = "anna may not {} it, as viewer: see mazebot security explain viewer"
+    assert_one_line(mazebot("goal", "0", "0", "0", **anna), refused.format("query"))
+    twist = "{twist: {linear: {x: 0.1}}}"
+    assert_one_line(
+        mazebot("topic", "pub", "/cmd_vel", twist, "--once", **anna),
+        refused.format("query"),
+    )  # fmt: skip
+    seen = mazebot("topic", "echo", "/odom", "--once", **anna)
+    assert seen.returncode == 0, seen.stderr
+    # Another user of the machine: the stack's folder is not found.
+    stranger = owner | {"XDG_RUNTIME_DIR": str(tmp_path / "nowhere")}
+    assert_one_line(mazebot("goal", "0", "0", "0", **stranger), "asks for a key")
+    # Everyone's key is replaced while all runs: the services take the new ones.
+    Path("old.key").write_bytes(Path("mine/operator.key").read_bytes())
+    assert mazebot("keys", "rotate", "--keys", "mine").returncode == 0
+    old = owner | {"MAZEBOT_BUS_KEY_FILE": "old.key"}
+    wait_until(lambda: "refuses the key" in mazebot("entities", **old).stderr, 60.0)
+    wait_until(lambda: mazebot("goal", "0", "0", "0", **owner).returncode == 0, 120.0)
+    assert all(one["restarts"] == 0 for one in listed_on(port).values())
+    assert mazebot("down", "--router-port", port).returncode == 0
+    assert not (StackFolder(int(port)).path / "keys").exists()

@@ -187,6 +187,28 @@ def test_without_a_demo_it_is_enough_that_all_are_connected() -> None:
         assert wait_until_active(folder, lambda _: None, 10.0) == 0
 
 
+def test_once_a_demo_has_ended_all_others_have_to_be_connected(tmp_path: Path) -> None:
+    told: list[str] = []
+    asked = tmp_path / "asked"
+
+    def tell(missing: str) -> None:
+        told.append(missing)
+        asked.touch()
+
+    waits = f"import os, time\nwhile not os.path.exists({str(asked)!r}): time.sleep(0.01)\n"
+    plan = plan_of(
+        restarts=False,
+        router=says("[INFO] [router]: listening on tcp/1"),
+        bringup="print('[INFO] [bringup]: active')",
+        recorder=waits + says("[INFO] [recorder]: connected to tcp/1"),
+    )
+    with started(plan) as folder:
+        wait_until(lambda: service(folder, "bringup").phase == "ended")
+        assert wait_until_active(folder, tell, 20.0) == 0
+        assert service(folder, "recorder").phase == "active"
+    assert told == ["recorder: starting"]
+
+
 def test_a_folder_that_others_may_write_is_refused(runtime: Path) -> None:
     (runtime / "mazebot").mkdir(exist_ok=True)
     (runtime / "mazebot").chmod(0o777)

@@ -29,6 +29,7 @@ from mazebot.common.bus.session import open_session
 from mazebot.common.bus.subscriber import subscribe
 from mazebot.common.config import ServiceConfig
 from mazebot.common.messages import documents as doc
+from mazebot.common.messages.keys import DEFAULT_KEYS
 from mazebot.common.messages.topics import (
     NAVIGATION_RESULT,
     PARAMETERS,
@@ -124,7 +125,7 @@ def test_a_message_of_another_topic_is_rejected_and_counted(
     inbox = Inbox(node)
     bus = Bus(opened(), node, inbox)
     request = encode(WORLD_REQUEST, doc.WorldRequest(world_name="maze"))
-    publisher = sender.declare_publisher("world/request")
+    publisher = sender.declare_publisher(DEFAULT_KEYS.of_topic(WORLD_REQUEST))
     wait_until(matched(publisher), "a reader")
     envelope = Envelope(SOURCE, 0, 0, "")
     # Both topics carry a document, and some are of one type: nothing else tells them apart.
@@ -330,6 +331,18 @@ def test_a_service_that_nobody_hears_opens_its_session_anew(
         process.kill()
         process.communicate()
     token.undeclare()  # type: ignore[no-untyped-call]
+
+
+def test_a_session_without_a_router_is_mute_whatever_it_believes() -> None:
+    with running_router() as endpoint:
+        session = open_session(BusConfig(connect=endpoint), timeout_s=5.0)
+        node = Worldgen()
+        bus = Bus(session, node, Inbox(node))
+        bus.announce()
+        assert not bus.is_mute()
+    wait_until(bus.is_mute, "the loss of the router is noticed")
+    bus.close()
+    assert not bus.is_mute()
 
 
 def test_a_connection_whose_reader_takes_nothing_closes_at_once() -> None:

@@ -18,10 +18,12 @@ from mazebot.common.messages.topics import (
     ASSETS,
     MAP,
     NAVIGATION_STATUS,
+    SIMULATION_CHECKPOINT,
     SIMULATION_STATS,
     WORLD,
     WORLD_REQUEST,
 )
+from mazebot.common.node import node
 from mazebot.common.node.held import HeldMessage, HeldMessages, newest, wanted_by
 from mazebot.common.node.node import Envelope, Inbox, Node, Outbox
 from tests.common.samples import SAMPLES
@@ -146,6 +148,44 @@ def test_who_comes_back_gets_its_own_last_state(endpoint: str) -> None:
             second.handover.ask()
             wait_for(lambda: second.inbox.pending(SIMULATION_STATS))
             assert second.inbox.new(SIMULATION_STATS) == [SAMPLES[SIMULATION_STATS]]
+
+
+def test_what_others_keep_and_do_not_read_is_handed_back(endpoint: str) -> None:
+    kept = SAMPLES[SIMULATION_CHECKPOINT]
+    newer = kept.model_copy(update={"iterations": kept.iterations + 24})
+    with process("spawner", endpoint) as keeper:
+        with process("physics", endpoint) as first:
+            for message in (kept, newer):
+                first.outbox.put(SIMULATION_CHECKPOINT, message)
+            # Nothing of it waits to be read.
+            wait_for(lambda: len(keeper.inbox.held([SIMULATION_CHECKPOINT.name], True)) == 1)
+        wait_for(lambda: keeper.inbox.held([SIMULATION_CHECKPOINT.name]))
+        with process("physics", endpoint) as second:
+            second.inbox.is_handed_over = False
+            second.handover.ask()
+            wait_for(lambda: second.inbox.is_handed_over)
+            assert second.inbox.new(SIMULATION_CHECKPOINT) == [newer]
+
+
+def test_what_a_stranger_has_latched_is_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(node, "STRANGER_NS", 0)
+    inbox = Inbox(named("navigation"))
+    for source in ("known", "left", "stranger"):
+        inbox.deliver(WORLD, wire.encode(WORLD, SAMPLES[WORLD]), Envelope(source, 0, 0, ""))
+    inbox.come_back("known")
+    inbox.leave("left")
+    wait_for(inbox.forget_strangers)
+    held = inbox.held([WORLD.name], of_the_living=True)
+    assert {message.envelope.source for message in held} == {"known", "left"}
+    assert not inbox.forget_strangers()
+
+
+def test_who_has_nothing_to_get_back_does_not_wait(endpoint: str) -> None:
+    with process("physics", endpoint) as first:
+        first.inbox.is_handed_over = False
+        first.handover.ask()
+        wait_for(lambda: first.inbox.is_handed_over)
+        assert not first.inbox.pending(SIMULATION_CHECKPOINT)
 
 
 def test_what_a_living_publisher_has_said_is_not_put_back(endpoint: str) -> None:

@@ -17,7 +17,7 @@ from websockets.typing import Origin
 
 from mazebot.common.node.executive import Executive
 from mazebot.console.config import ConsoleConfig
-from mazebot.embedded.console import BusBeside, ConsoleBeside
+from mazebot.embedded.beside import Beside, BusBeside
 from mazebot.embedded.demo import DemoOptions, build_nodes
 
 DEADLINE_S = 60.0
@@ -26,7 +26,7 @@ DEADLINE_S = 60.0
 class Run:
     """The console of a run, and the run's executive."""
 
-    def __init__(self, beside: ConsoleBeside, executive: Executive) -> None:
+    def __init__(self, beside: Beside, executive: Executive) -> None:
         self.beside = beside
         self.executive = executive
         self.robot = beside.robot
@@ -39,7 +39,7 @@ class Run:
 @contextmanager
 def running(options: DemoOptions, open_bus: Callable[[], BusBeside] | None = None) -> Iterator[Run]:
     """A run that goes on, on a thread of its own, with its console on any free port."""
-    beside = ConsoleBeside(ConsoleConfig(port=0), open_bus)
+    beside = Beside(ConsoleConfig(port=0), open_bus)
     executive = Executive(build_nodes(options), beside.transport)
     stopped = threading.Event()
     thread = threading.Thread(target=lambda: beside.play(executive, stopped.is_set))

@@ -5,18 +5,21 @@ from __future__ import annotations
 import asyncio
 import json
 import struct
+from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
+from mazebot.common.client.robot import Robot
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages import topics as tp
 from mazebot.common.messages import wire
 from mazebot.common.messages.documents import Entities, MarkerEntity, SimulationStats
-from mazebot.console.live.feed import MAX_EVENTS, Outgoing
+from mazebot.common.node.node import Envelope
+from mazebot.console.live.feed import MAX_EVENTS, Feed, Outgoing
 from mazebot.console.live.frame import Frame, binary_frame, text_frame
 from mazebot.console.live.history import (
     MOST_LINES,
@@ -29,7 +32,7 @@ from mazebot.console.live.history import (
     Trail,
 )
 from mazebot.console.live.view import WATCHED, View
-from tests.common.samples import CAMERA_INFO
+from tests.common.samples import CAMERA_INFO, SAMPLES
 
 
 def taken(outgoing: Outgoing) -> list[Frame]:
@@ -231,3 +234,54 @@ def test_the_outline_of_a_marker_lies_where_the_camera_sees_it() -> None:
     pose.position.z = -ahead_m
     (behind,) = view.frames([(tp.DETECTIONS, array)])
     assert content([behind], "detections")["outlines"] == []
+
+
+class SomeRobot:
+    """A robot that says what a test says."""
+
+    def __init__(self) -> None:
+        self.watchers: list[Callable[[tp.Topic[Any], Any, Envelope], None]] = []
+
+    def watch(self, topics: Any, on_message: Any = None) -> Any:
+        self.watchers.append(on_message)
+        return lambda: self.watchers.remove(on_message)
+
+    def alive(self) -> dict[str, str]:
+        return {"physics": "physics"}
+
+    def say(self, topic: tp.Topic[Any], message: Any) -> None:
+        self.watchers[0](topic, message, Envelope("physics", 0, 0, ""))
+
+
+@pytest.mark.parametrize(("later_s", "kinds"), [(10.5, {"camera"}), (12.0, set())])
+def test_a_page_that_comes_while_the_simulation_is_paused_gets_the_last_picture_of_the_camera(
+    later_s: float, kinds: set[str]
+) -> None:
+    robot = SomeRobot()
+    feed = Feed(cast("Robot", robot), "")
+
+    async def seen(page: Outgoing, kind: str) -> list[Frame]:
+        frames: list[Frame] = []
+        async with asyncio.timeout(30.0):
+            while kind not in {frame.kind for frame in frames}:
+                frames += await page.taken()
+        return frames
+
+    async def last_kinds() -> set[str]:
+        async with feed.page() as first:
+            first.wants_camera = True
+            await seen(first, "stack")
+            robot.say(tp.SIMULATION_STATS, stats(0, 10.0))
+            robot.say(tp.CAMERA_IMAGE, SAMPLES[tp.CAMERA_IMAGE])
+            await seen(first, "camera")
+            robot.say(tp.SIMULATION_STATS, stats(0, later_s))
+            await seen(first, "stats")
+        async with feed.page() as late:
+            await seen(late, "stack")
+            late.wants_camera = True
+            # What is said after a picture that the page gets comes after it.
+            robot.say(tp.GROUND_TRUTH_ODOM, odom(1, SE2(1, 2, 0)))
+            frames = await seen(late, "pose")
+        return {frame.kind for frame in frames} & {"camera"}
+
+    assert asyncio.run(last_kinds()) == kinds

@@ -74,3 +74,16 @@ def test_time_that_goes_back_begins_anew() -> None:
     assert detector.update(10 * 10**9, FORWARD, here, here) is None
     assert detector.update(0, FORWARD, here, here) is None
     assert detector.update(10**9, FORWARD, here, here) is None
+
+
+def test_while_nothing_reached_the_robot_nothing_was_commanded() -> None:
+    detector = StuckDetector(StuckDetectorParams())
+    x_m, now_ns = 0.0, 0
+    found: list[Stuck | None] = []
+    for i in range(100):
+        # The network is gone for five seconds, in which the robot stands.
+        now_ns += 5 * 10**9 if i == 50 else PERIOD_NS
+        x_m += FORWARD.linear_m_s * PERIOD_NS * 1e-9
+        here = SE2(x_m, 0.0, 0.0)
+        found.append(detector.update(now_ns, FORWARD, here, here))
+    assert not any(found)

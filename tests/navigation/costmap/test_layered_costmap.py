@@ -357,6 +357,22 @@ def test_the_local_costmap_moves_with_the_robot_and_keeps_what_it_saw() -> None:
     assert not local.master.costs.any()
 
 
+def test_following_the_robot_is_to_move_and_to_update() -> None:
+    follows, moves = (LocalCostmap(0.05, INFLATION, OBSTACLE, (3.0, 2.0)) for _ in range(2))
+    for i in range(12):
+        # In the last steps it stands.
+        robot = SE2(0.03 * min(i, 9), -0.02 * min(i, 9), 0.2 * i)
+        scan = turn(ranges_to(1.0, 0.3, 0.1, robot))
+        follows.follow(robot, scan)
+        moves.move(robot)
+        moves.update(robot, scan, map_from_base=robot)
+        assert follows.frame == moves.frame
+        assert follows.static.frame == moves.frame
+        assert np.array_equal(follows.master.costs, moves.master.costs)
+        assert np.array_equal(follows.master.distance_m, moves.master.distance_m)
+    assert follows.master.costs.any()
+
+
 def test_the_values_of_a_map_become_costs_by_nav2s_rules() -> None:
     cells = np.array([[0, 50, 99, 100, -1]], np.int8)
     assert static_costs(cells, StaticParams()).tolist() == [[0, 0, 0, 254, 255]]
@@ -495,3 +511,64 @@ def see_post(costmap: LayeredCostmap) -> None:
 
 def obstacles(costmap: LayeredCostmap) -> NDArray[np.bool_]:
     return np.asarray((costmap.master.costs == 254) & (costmap.static.costs != 254))
+
+
+def marked_post(costmap: LayeredCostmap, first_s: float, scans: int) -> tuple[int, int]:
+    """Mark a post 1 m ahead of the middle of the room with some scans; the cell of its face."""
+    ranges = np.full(360, 1.8, np.float32)
+    ranges[-3:] = ranges[:4] = 1.0
+    for i in range(scans):
+        costmap.update(SE2(2.0, 2.0, 0.0), turn(ranges, round((first_s + 0.1 * i) * 1e9)))
+    cell = costmap.frame.cell(3.0, 2.0)
+    assert cell is not None
+    return cell
+
+
+def see_nothing(costmap: LayeredCostmap, at_s: float, moving: bool = False) -> None:
+    """A scan without any measurement, with or without something that moves at the post."""
+    circles = np.array([[3.0, 2.0, 0.3]] if moving else []).reshape(-1, 3)
+    costmap.update(
+        SE2(2.0, 2.0, 0.0), turn(np.full(360, np.nan, np.float32), round(at_s * 1e9)),
+        moving_m=circles,
+    )  # fmt: skip
+
+
+def test_what_is_held_is_cleared_by_rays_alone() -> None:
+    costmap = room()
+    cell = marked_post(costmap, 0.0, 3)
+    costmap.hold(3.0, 2.0, 0.5, pinned=False)
+    costmap.clear()
+    for at_s in range(1, 40):
+        see_nothing(costmap, float(at_s), moving=True)
+    assert costmap.master.costs[cell] == 254
+    for i in range(8):
+        costmap.update(
+            SE2(2.0, 2.0, 0.0), turn(np.full(360, 1.8, np.float32), round((41 + i) * 1e9))
+        )
+    assert costmap.master.costs[cell] != 254
+
+
+def test_what_is_pinned_stays_until_it_is_released() -> None:
+    costmap = room()
+    cell = marked_post(costmap, 0.0, 3)
+    costmap.hold(3.0, 2.0, 0.5, pinned=True)
+    for i in range(9):
+        if i == 8:
+            costmap.release()
+        costmap.update(
+            SE2(2.0, 2.0, 0.0), turn(np.full(360, 1.8, np.float32), round((1 + i) * 1e9))
+        )
+        assert (costmap.master.costs[cell] == 254) == (i < 8)
+
+
+def test_a_closed_gap_is_no_way_until_it_is_opened() -> None:
+    costmap = room()
+    cell = costmap.frame.cell(3.0, 2.0)
+    assert cell is not None
+    costmap.close_gap((3.0, 1.8), (3.0, 2.2))
+    costmap.release()
+    costmap.clear()
+    costmap.update(SE2(2.0, 2.0, 0.0), turn(np.full(360, 1.8, np.float32)))
+    assert costmap.master.costs[cell] == 254
+    costmap.open_gap((3.0, 1.8), (3.0, 2.2))
+    assert costmap.master.costs[cell] != 254

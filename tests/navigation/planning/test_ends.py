@@ -123,7 +123,7 @@ def test_a_door_that_is_too_narrow_is_named() -> None:
     error = failure(costmap_of(solid, RADIUS_M), SE2(1.0, 1.0, 0.0), SE2(4.0, 1.0, 0.0))
     assert error.place_m is not None
     assert 1.8 < error.place_m[1] < 2.1
-    assert "m from an obstacle" in error.message
+    assert "m wide: must be at least 0.40 m" in error.message
 
 
 def test_too_few_iterations_are_told() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from typing import Any
 
@@ -242,3 +243,16 @@ def test_without_a_camera_there_is_no_hash_of_pictures() -> None:
     driver = Driver().load(world())
     driver.wait(0.3)
     assert driver.last(SIMULATION_STATS).image_hash == ""
+
+
+@pytest.mark.parametrize(
+    ("settings", "says"),
+    [({"camera_enabled": False}, 1), ({**SMALL, "camera_depth_enabled": False}, 1), (SMALL, 0)],
+)
+def test_without_depths_it_is_said_once_what_is_not_seen(
+    settings: dict[str, Any], says: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    with caplog.at_level(logging.INFO, logger="physics"):
+        Driver(**settings).load(world())
+    told = [record.getMessage() for record in caplog.records]
+    assert sum("0.132 m above the floor" in line and "glass" in line for line in told) == says

@@ -14,6 +14,7 @@ from mazebot.bench.parts.loopback_router import free_port
 from mazebot.recorder.config import RecorderConfig
 from mazebot.recorder.keeping import live as live_module
 from mazebot.recorder.keeping.live import LiveView
+from mazebot.recorder.keeping.run import run as run_module
 from mazebot.recorder.node import RecorderNode
 from mazebot.recorder.stream import live_feed
 from tests.recorder.stream.stalled_viewer import stalled_viewer
@@ -30,6 +31,7 @@ def until(condition: Callable[[], bool], timeout_s: float = 20.0) -> None:
 
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Bring a viewer soon to where it does not keep up: it is so many chunks behind."""
+    monkeypatch.setattr(run_module, "SEND_PERIOD_S", 0.0)
     monkeypatch.setattr(live_feed, "BATCH_PERIOD_S", 0.01)
     monkeypatch.setattr(live_feed, "_SLOW_S", 0.6)
     monkeypatch.setattr(live_feed, "_FLUSH_TIMEOUT_S", 0.1)
@@ -80,11 +82,13 @@ def test_behind_a_viewer_that_stalls_only_the_newest_of_everything_waits(
     live = LiveView("127.0.0.1", free_port(), port, 64)
     feed = live.feed
     feed.begin("run", rrb.Blueprint(), {"seed": "1"})
-    points = rr.Points3D([(0.0, 0.0, float(i)) for i in range(1000)]).as_component_batches()
+    places = [(0.0, 0.0, float(i)) for i in range(1000)]
+    points = rr.Points3D.columns(positions=places).partition([1000])
 
     def say(count: int) -> None:
         for number in range(count):
-            feed.log(f"points/{number % 7}", points, number, static=False)
+            times = rr.TimeColumn(live_feed.TIMELINE, duration=[number * 1e-9])
+            feed.send_columns(f"points/{number % 7}", times, points)
 
     def is_stuck() -> bool:
         say(50)
@@ -93,7 +97,7 @@ def test_behind_a_viewer_that_stalls_only_the_newest_of_everything_waits(
     try:
         with stalled_viewer(port):
             until(is_stuck)
-            feed.log("floor", points, 0, static=True)
+            feed.log_static("floor", rr.Points3D(places).as_component_batches())
             say(10_000)
             waiting = {key[0] for key in (entry.key for entry in feed._waiting)}  # type: ignore[index]
             assert waiting == {"floor", *(f"points/{number}" for number in range(7))}

@@ -21,9 +21,9 @@ from mazebot.common.recordings.mcap.mcap_file import McapFile
 from mazebot.common.recordings.mcap.mcap_messages import read_messages
 from mazebot.common.recordings.mcap.mcap_scan import scan
 from mazebot.common.recordings.run_folder import MESSAGES, part_path, parts_of
-from mazebot.recorder.keeping.latched import Latched
 from mazebot.recorder.stream import message_log as module
 from mazebot.recorder.stream.file_writer import RecordingError
+from mazebot.recorder.stream.latched import Latched
 from mazebot.recorder.stream.message_log import Compressed, MessageLog, Taken
 from mazebot.recorder.stream.pictures import Pictures
 from tests.common.samples import SAMPLES

@@ -18,6 +18,7 @@ WORLD_MB = 5.0
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(300)
 def test_a_compressed_drive_needs_at_most_fifteen_megabytes_a_minute(tmp_path: Path) -> None:
     run = tmp_path / "run"
     goal = ("2.07", "1.82", "-1.57")

@@ -377,7 +377,7 @@ def test_what_is_no_file_or_too_large_is_told(
     monkeypatch.setattr(mesh_files, "MAX_IMAGE_PIXELS", 10)
     with pytest.raises(ConfigError, match="a texture of 8 x 4 pixels"):
         load_mesh(path)
-    monkeypatch.setattr(mesh_files, "MAX_FILE_BYTES", 10)
+    monkeypatch.setattr(mesh_files, "MAX_DOCUMENT_BYTES", 10)
     with pytest.raises(ConfigError, match="must have at most 10 bytes"):
         load_mesh(path)
 

@@ -16,7 +16,7 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from mazebot.common.files import yaml_source
+from mazebot.common.files import bounded_yaml
 from mazebot.common.problems import WorldError
 from mazebot.worldgen.recipe.loader import load_world
 from tests.worldgen import folder
@@ -142,9 +142,9 @@ def test_a_mistake_is_named_in_one_line(tmp_path: Path, spoil: Spoil, said: str)
         ("walls: [", ":2: not YAML: column 1: a value that is missing, or a bracket"),
         ("a: 1\na: 2", ":2: not YAML: column 1: key 'a' is a duplicate"),
         ("a: &b {}\nc: *b", ":2: not YAML: column 4: an alias"),
-        ("a: 2001-99-99", ": not YAML: an invalid value: month must be in 1..12"),
+        ("a: 2001-99-99", ":1: not YAML: column 4: an invalid value: month must be in 1..12"),
         ("!!python/object:os.system x", ":1: not YAML: column 1: a tag (!name): must be left out"),
-        ("a: !!int x", ": not YAML: "),
+        ("a: !!int x", ":1: not YAML: column 4: "),
         ("a: !!seq x", ":1: not YAML: column 4: must be a list"),
         (
             f"name: 0x{'f' * 5000}",
@@ -172,7 +172,7 @@ def test_a_file_that_is_no_text_is_named(tmp_path: Path) -> None:
 def test_a_file_of_too_many_values_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(yaml_source, "MAX_NODES", 1000)
+    monkeypatch.setattr(bounded_yaml, "MAX_YAML_VALUES", 1000)
     folder.make(tmp_path, "[" + "1," * 1000 + "1]")
     said = ":1: not YAML: column 2000: must contain at most 1000 values"
     assert mistake(tmp_path) == f"{tmp_path}/room.yaml{said}"
@@ -292,7 +292,7 @@ def test_a_texture_that_is_missing_is_named(tmp_path: Path) -> None:
     (tmp_path / "textures" / "brick.png").unlink()
     assert "textures/brick.png cannot be read (No such file or directory)" in mistake(tmp_path)
     (tmp_path / "textures" / "brick.png").mkdir()
-    assert "textures/brick.png is not a file, must be a PNG" in mistake(tmp_path)
+    assert "textures/brick.png must be a file" in mistake(tmp_path)
 
 
 @pytest.mark.parametrize("name", ["brick.jpg", "brick", "brick.PNG.bak"])

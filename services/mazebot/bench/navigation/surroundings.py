@@ -38,6 +38,8 @@ class Post:
     radius_m: float
     times_s: list[float] = field(default_factory=list)
     places_m: list[tuple[float, float]] = field(default_factory=list)
+    until_s: float = np.inf
+    """When it was taken away"""
 
     def at(self, times_s: Array) -> Array:
         """(n, 2) of its centre."""
@@ -115,6 +117,14 @@ class Surroundings:
             best = np.minimum(best, here)
         return best
 
+    def distances_to_post_m(self, name: str, times_s: Array, poses: Array) -> Array:
+        """(n,) distances from the outline at (n, 3) poses to a post as it stood at (n,) times."""
+        post = self.posts[name]
+        nearest_m: Array = np.min(
+            [_to_post(polygons, post, times_s) for polygons in outlines(poses)], axis=0
+        )
+        return nearest_m
+
     def _static_m(self, polygons: NDArray[np.object_]) -> Array:
         found = np.full(len(polygons), FAR_M)
         if len(self._solid) and len(polygons):
@@ -129,4 +139,6 @@ def _to_post(polygons: NDArray[np.object_], post: Post, times_s: Array) -> Array
     if not post.times_s:
         return np.full(len(polygons), FAR_M)
     centres = shapely.points(post.at(times_s))
-    return np.asarray(np.maximum(shapely.distance(polygons, centres) - post.radius_m, 0.0))
+    distances_m = np.maximum(shapely.distance(polygons, centres) - post.radius_m, 0.0)
+    there = (times_s >= post.times_s[0]) & (times_s <= post.until_s)
+    return np.asarray(np.where(there, distances_m, FAR_M))

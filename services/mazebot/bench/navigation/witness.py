@@ -18,6 +18,7 @@ from mazebot.common.messages.topics import (
     GROUND_TRUTH_ODOM,
     NAVIGATION_RESULT,
     NAVIGATION_STATUS,
+    ODOM,
     TF,
 )
 from mazebot.embedded.session import Session
@@ -49,6 +50,9 @@ class Witness:
         self._claims = watch(session.watching(AMCL_POSE))
         self._ended = watch(session.watching(NAVIGATION_RESULT))
         self._frames = watch(session.watching(TF))
+        self._wheels = watch(session.watching(ODOM))
+        self._wheels_m_s = (0.0, 0.0)
+        """Forward and turning speed by the wheels, newest"""
         self._statuses = watch(session.watching(NAVIGATION_STATUS))
         self.truth: list[tuple[float, ...]] = []
         """Time, x, y, yaw, forward speed, turning speed; 30 a second"""
@@ -74,6 +78,8 @@ class Witness:
             self.claims.append((stamp_s, *pose, *covariance.ravel().tolist()))
         for result in self._ended:
             self.results[result.goal_stamp_ns] = result
+        for wheels in self._wheels[-1:]:
+            self._wheels_m_s = wheels.twist.twist.linear.x, wheels.twist.twist.angular.z
         for status in self._statuses:
             both = status.localization_active, status.navigation_active
             self.statuses.append((self._session.now_s, *both))
@@ -81,7 +87,9 @@ class Witness:
             self._take_frames(tree)
         for contact in self._contacts:
             self.contacts.append(self._attributed(contact))
-        for seen in (self._truths, self._claims, self._ended, self._frames, self._statuses):
+        for seen in (
+            self._truths, self._claims, self._ended, self._frames, self._wheels, self._statuses
+        ):  # fmt: skip
             seen.clear()
         self._contacts.clear()
 
@@ -110,7 +118,8 @@ class Witness:
     def _attributed(self, contact: Contact) -> ContactSeen:
         """By who moved into whom. Of a post it is the robot's if it came nearer by its own motion
         alone: the post is held where it was at the contact, and the robot's outline is followed
-        back. Of a thing that stands it is the robot's unless a post pushes the robot.
+        back. Of a thing that stands it is the robot's, too, unless a post pushes the robot: then
+        its own motion is that of its wheels.
         """
         time_s = contact.time_s
         rows = [row for row in self.truth[-60:] if row[0] < time_s]
@@ -118,15 +127,16 @@ class Witness:
         if rows:
             stamp_s, x, y, yaw, v, w = rows[-1]
             last = SE2(x, y, yaw)
-            poses = np.array(
-                [_moved(last, v, w, dt) for dt in (time_s - stamp_s, time_s - stamp_s - _BEFORE_S)]
-            )
+            here = _moved(last, v, w, time_s - stamp_s)
             posts = self._around.posts
             touching = [
                 name
                 for name in posts
-                if self._around.distance_to_m(name, time_s, poses[:1])[0] <= _PUSHES_M
+                if self._around.distance_to_m(name, time_s, np.array([here]))[0] <= _PUSHES_M
             ]
+            if touching and contact.body not in posts:
+                v, w = self._wheels_m_s
+            poses = np.array([here, _moved(here, v, w, -_BEFORE_S)])
             near_m, before_m = self._around.distance_to_m(contact.body, time_s, poses)
             stands = contact.body not in posts and not touching
             by_robot = stands or bool((before_m - near_m) / _BEFORE_S > MOVES_M_S)

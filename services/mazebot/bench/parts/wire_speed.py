@@ -1,4 +1,5 @@
-"""Measures encoding and decoding of messages, and round trips through a router on the loopback.
+"""Measures encoding and decoding of messages, and their way through a router on the loopback, with
+and without the rules of keys.
 `python -m mazebot.bench.parts.wire_speed [REPEATS]` prints JSON.
 """
 
@@ -7,11 +8,16 @@ from __future__ import annotations
 import json
 import queue
 import sys
+import tempfile
 import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import zenoh
 
 from mazebot.bench.bench_figures import timed_ms
 from mazebot.bench.parts.loopback_router import running_router
@@ -21,11 +27,11 @@ from mazebot.common.bus.session import open_session
 from mazebot.common.bus.subscriber import subscribe
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages import wire
-from mazebot.common.messages.topics import CAMERA_IMAGE, SCAN, Topic
+from mazebot.common.messages.keys import Keys
+from mazebot.common.messages.own_keys import PLAIN, RMW_ZENOH
+from mazebot.common.messages.topics import CAMERA_IMAGE, CMD_VEL, SCAN, Topic
 
 _DEADLINE_S = 20.0
-_PREFIX = "wire_speed/"
-_BACK = "wire_speed/back/"
 
 
 def samples() -> dict[str, tuple[Topic[Any], Any]]:
@@ -55,21 +61,94 @@ def measure(repeats: int) -> dict[str, dict[str, list[float]]]:
                 "encode": timed_ms(partial(wire.encode, topic, message), repeats),
                 "decode": timed_ms(partial(wire.decode, topic, data), repeats),
                 "there and back through a router": _round_trips_ms(
-                    endpoint, topic, message, repeats
+                    endpoint, topic, message, repeats, RMW_ZENOH
+                ),
+                "the same on the plain wire": _round_trips_ms(
+                    endpoint, topic, message, repeats, PLAIN
                 ),
             }
+    with tempfile.TemporaryDirectory() as folder, ExitStack() as cleanup:
+        keys_dir = Path(folder) / "keys"
+        open_, locked = (
+            cleanup.enter_context(running_router(keys_dir=each)) for each in (None, keys_dir)
+        )
+        ways = {
+            "one way, without keys": (open_, None),
+            "one way, with keys": (locked, keys_dir),
+        }
+        for name, topic, owner, reader, data in _orders_and_pictures():
+            measured[name] = _one_way_ms(ways, topic, owner, reader, data, repeats)
     return measured
 
 
-def _round_trips_ms(endpoint: str, topic: Topic[Any], message: Any, repeats: int) -> list[float]:
+def _orders_and_pictures() -> Iterator[tuple[str, Topic[Any], str, str, bytes]]:
+    none = msg.Vector3(0.0, 0.0, 0.0)
+    command = msg.TwistStamped(msg.header(0, "base_link"), msg.Twist(none, none))
+    yield "a command", CMD_VEL, "navigation", "physics", wire.encode(CMD_VEL, command)
+    name, (topic, picture) = list(samples().items())[-1]
+    yield name.split(",")[0], topic, "physics", "perception", wire.encode(topic, picture)
+
+
+def _one_way_ms(
+    ways: Mapping[str, tuple[str, Path | None]],
+    topic: Topic[Any],
+    owner: str,
+    reader: str,
+    data: bytes,
+    repeats: int,
+) -> dict[str, list[float]]:
+    """Times from putting a message to its arrival, by turns each way."""
+    with ExitStack() as cleanup:
+
+        def end_of(endpoint: str, keys_dir: Path | None, name: str) -> zenoh.Session:
+            key_file = None if keys_dir is None else keys_dir / f"{name}.key"
+            session = open_session(BusConfig(connect=endpoint, key_file=key_file))
+            cleanup.callback(session.close)
+            return session
+
+        def sender(endpoint: str, keys_dir: Path | None) -> Callable[[], None]:
+            come: queue.SimpleQueue[None] = queue.SimpleQueue()
+            # The subscription lives as long as its session.
+            kept.append(
+                subscribe(
+                    end_of(endpoint, keys_dir, reader), topic, lambda *_: come.put(None), Keys()
+                )
+            )
+            publisher = publish(end_of(endpoint, keys_dir, owner), topic, Keys(), lossless=True)
+            deadline_s = time.monotonic() + _DEADLINE_S
+            while not publisher.matching_status.matching:
+                if time.monotonic() > deadline_s:
+                    raise TimeoutError("the router does not connect its clients")
+                time.sleep(0.01)
+
+            def send() -> None:
+                publisher.put(data)
+                come.get(timeout=_DEADLINE_S)
+
+            return send
+
+        kept: list[Any] = []
+        senders = {name: sender(*way) for name, way in ways.items()}
+        times_ms: dict[str, list[float]] = {name: [] for name in ways}
+        for _ in range(repeats):
+            for name, send in senders.items():
+                times_ms[name] += timed_ms(send, 1)
+        kept.clear()
+    return times_ms
+
+
+def _round_trips_ms(
+    endpoint: str, topic: Topic[Any], message: Any, repeats: int, wire_: str
+) -> list[float]:
     """Times from before encoding to after decoding of the echo."""
+    out, home = Keys(wire_, prefix="wire_speed/"), Keys(wire_, prefix="wire_speed/back/")
     near, far = (open_session(BusConfig(connect=endpoint)) for _ in range(2))
-    there = publish(near, topic, _PREFIX, lossless=True)
-    back = publish(far, topic, _BACK, lossless=True)
+    there = publish(near, topic, out, lossless=True)
+    back = publish(far, topic, home, lossless=True)
     come: queue.SimpleQueue[bytes] = queue.SimpleQueue()
     kept = [
-        subscribe(far, topic, lambda payload, _: back.put(payload), _PREFIX),
-        subscribe(near, topic, lambda payload, _: come.put(payload), _BACK),
+        subscribe(far, topic, lambda payload, _: back.put(payload), out),
+        subscribe(near, topic, lambda payload, _: come.put(payload), home),
     ]
 
     def round_trip() -> None:

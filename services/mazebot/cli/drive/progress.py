@@ -1,11 +1,12 @@
-"""A progress line that is overwritten, where standard output is a terminal."""
+"""A progress line: overwritten where standard output is a terminal, else told by `patience`."""
 
 from __future__ import annotations
 
 import shutil
 import sys
-from types import TracebackType
 from typing import Self
+
+from mazebot.cli.parsing.patience import doing
 
 _ERASE_LINE = "\r\x1b[K"
 
@@ -22,12 +23,7 @@ class ProgressLine:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.show("")
 
     def say(self, text: str) -> None:
@@ -41,6 +37,7 @@ class ProgressLine:
 
     def show(self, text: str) -> None:
         """Replace the progress line; "": none. It is cut to the terminal's width."""
+        doing("" if self._updates else text)
         if not self._updates or text == self._shown:
             return
         self._shown = text

@@ -17,6 +17,7 @@ import typer
 
 from mazebot.cli.drive.teleop_keys import TABLE, Teleop, split_keys
 from mazebot.cli.parsing.options import ROUTER, Connect
+from mazebot.cli.parsing.patience import wait_quietly
 from mazebot.common.config import ConfigError
 from mazebot.common.robot.waffle import MAX_ANGULAR_RAD_S, MAX_LINEAR_M_S
 
@@ -59,6 +60,7 @@ def teleop(
         robot.watch((COLLISION_MONITOR_STATE, NAVIGATION_STATUS))
         await_navigation(robot, "teleop")
         sys.stdout.write(TABLE)
+        wait_quietly()
         with keyboard() as fd, ProgressLine() as line:
             try:
                 _drive(robot, Teleop(speed, turn), fd, line.show)

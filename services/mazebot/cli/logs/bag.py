@@ -1,21 +1,23 @@
-"""Logs of ROS 2: an MCAP file, or a folder of rosbag2."""
+"""Scans and odometry of a bag of ROS 2."""
 
 from __future__ import annotations
 
 import math
+import sys
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rosbags.rosbag2 import ReaderError
 
-from mazebot.cli.logs.bag_files import opened, plain
+from mazebot.cli.bags.bag import CDR, Bag, encoding_of, opened
 from mazebot.cli.logs.log import Entry, Log, LoggedScan, Topics
 from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages import messages as msg
+from mazebot.common.problems import words
 
 _MOVING, _STATIC = "/tf", "/tf_static"
 _ODOMETRY, _SCAN = "nav_msgs/msg/Odometry", "sensor_msgs/msg/LaserScan"
@@ -39,48 +41,57 @@ def read(path: Path, topics: Topics) -> Log:
     Raises ConfigError with one line that names file and topic, and what is wrong.
     """
     found = _Found()
-    types = {
-        topics.odom: _ODOMETRY, topics.scan: _SCAN, _STATIC: _TRANSFORMS, _MOVING: _TRANSFORMS,
-    }  # fmt: skip
-    try:
-        with opened(path) as readers:
-            of = {connection.topic for reader in readers for connection in reader.connections}
-            skipped = {_MOVING} if topics.odom in of else set()
-            for reader in readers:
-                wanted = [
-                    c for c in reader.connections if c.topic in types and c.topic not in skipped
-                ]
-                _check_types(path, wanted, types)
-                for connection, _, data in reader.messages(wanted) if wanted else ():
-                    message = _decoded(path, connection, plain(bytes(data)))
-                    _add(found, connection.topic, message, topics)
-    except ConfigError:
-        raise
-    except (ReaderError, OSError, AssertionError, ValueError, KeyError, RuntimeError) as error:
-        raise ConfigError(f"--log: {path}: is not a readable MCAP file: {error}") from error
-    odometry = found.odometry or found.transforms
-    if not found.scans:
-        raise ConfigError(_missing(path, of, topics.scan, _SCAN, "--scan-topic"))
-    if not odometry:
-        raise ConfigError(_missing(path, of, topics.odom, _ODOMETRY, "--odom-topic"))
-    entries = [*odometry, *found.scans]
+    types = {topics.odom: _ODOMETRY, topics.scan: _SCAN, _STATIC: _TRANSFORMS}
+    with opened(path, "--log") as bag:
+        _take(found, bag, path, types, topics)
+        if not found.odometry:
+            _take(found, bag, path, {_MOVING: _TRANSFORMS}, topics)
+        # First, for it may be why a topic has no messages.
+        for file, what in bag.damaged.items():
+            sys.stderr.write(f"warning: --log: {words(path)}: left out: {words(file)}: {what}\n")
+        if not found.scans:
+            raise ConfigError(_missing(path, bag, topics.scan, _SCAN, "--scan-topic"))
+        if not found.odometry and not found.transforms:
+            raise ConfigError(_missing(path, bag, topics.odom, _ODOMETRY, "--odom-topic"))
+    entries = [*(found.odometry or found.transforms), *found.scans]
     entries.sort(key=lambda entry: (entry.stamp_ns, entry.scan is not None))
     frames = {entry.scan.frame_id for entry in entries if entry.scan}
     return Log(entries, _base_from(found.frames, sorted(frames)[0]))
 
 
-def _missing(path: Path, of: set[str], topic: str, kind: str, option: str) -> str:
-    others = ", ".join(sorted(of)) or "none"
-    return f"--log: {path}: has no {kind} on {topic}: {option} must be one of its topics: {others}"
+def _missing(path: Path, bag: Bag, topic: str, kind: str, option: str) -> str:
+    what = f"has no {kind} on {topic}"
+    if any(one.topic == topic for one in bag.connections):
+        what = f"{topic} is empty"
+    others = {one.topic for one in bag.connections}
+    fit = {one.topic for one in bag.connections if one.msgtype == kind} - {topic}
+    if fit:
+        return f"--log: {path}: {what}: {option} must be one of its {_names(fit)}"
+    if topic in others:
+        return f"--log: {path}: {what}: must hold {kind}, and there is no other topic of that type"
+    return f"--log: {path}: {what}, nor on another topic: it has {_names(others) or 'none'}"
 
 
-def _check_types(path: Path, connections: list[Any], types: dict[str, str]) -> None:
-    for connection in connections:
+def _names(topics: Iterable[str]) -> str:
+    return ", ".join(sorted(topics))
+
+
+def _take(found: _Found, bag: Bag, path: Path, types: dict[str, str], topics: Topics) -> None:
+    """Read some topics, given with their types."""
+    wanted = [connection for connection in bag.connections if connection.topic in types]
+    for connection in wanted:
         if connection.msgtype != types[connection.topic]:
             raise ConfigError(
                 f"--log: {path}: {connection.topic} is {connection.msgtype}: must be "
                 f"{types[connection.topic]}"
             )
+        if encoding_of(connection) != CDR:
+            raise ConfigError(
+                f"--log: {path}: {connection.topic} is encoded as {encoding_of(connection)}: must "
+                f"be {CDR}"
+            )
+    for connection, _, data in bag.messages(wanted):
+        _add(found, connection.topic, _decoded(path, connection, data), topics)
 
 
 def _decoded(path: Path, connection: Any, data: bytes) -> Any:

@@ -11,17 +11,21 @@ from typing import IO, cast
 from mazebot.cli.logs import carmen, csv_file
 from mazebot.cli.logs.log import Log, ScanForm, Topics
 from mazebot.common.config import ConfigError
+from mazebot.common.files.limits import MAX_LINE_BYTES
+from mazebot.common.files.reading import NotReadableError, most_unpacked, open_regular, reason
 
-_MCAP, _GZIP, _SQLITE, _ROSBAG_1 = b"\x89MCAP", b"\x1f\x8b", b"SQLite format 3\0", b"#ROSBAG V"
+_GZIP = b"\x1f\x8b"
+_BAGS = (b"\x89MCAP", b"SQLite format 3\0", b"#ROSBAG V")
+_BAG_ENDINGS = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
 _BEGIN_BYTES = 65_536
 FORMATS = (
     "a CSV file with the header time_s,odom_x_m,odom_y_m,odom_yaw_rad,range_0,range_1,..., a log "
-    "of CARMEN with FLASER or ROBOTLASER1 lines, an MCAP file or a folder of rosbag2"
+    "of CARMEN with FLASER or ROBOTLASER1 lines, an MCAP or .db3 file or a folder of rosbag2"
 )
 
 
 def read_log(path: Path, form: ScanForm, topics: Topics | None = None) -> Log:
-    """Read a log: a folder is rosbag2's; an MCAP file, CARMEN's lines or CSV, the two also gzipped.
+    """Read a log: a bag of ROS 2; CARMEN's lines or CSV, also gzipped.
 
     Raises ConfigError with one line that names file, line or topic, and what is wrong.
     """
@@ -30,17 +34,8 @@ def read_log(path: Path, form: ScanForm, topics: Topics | None = None) -> Log:
     if path.is_dir():
         return _read_bag(path, topics)
     begin = _begin(path)
-    if begin.startswith(_MCAP) or path.suffix == ".mcap":
+    if begin.startswith(_BAGS) or path.name.endswith(_BAG_ENDINGS):
         return _read_bag(path, topics)
-    if begin.startswith(_SQLITE):
-        raise ConfigError(
-            f"--log: {path}: is one file of rosbag2: must be the folder that contains it"
-        )
-    if begin.startswith(_ROSBAG_1):
-        raise ConfigError(
-            f"--log: {path}: is a bag of ROS 1: must be converted to rosbag2, for example "
-            "by rosbags-convert"
-        )
     if begin.startswith(_GZIP):
         begin, packed = _unpacked(path, begin), True
     else:
@@ -48,8 +43,9 @@ def read_log(path: Path, form: ScanForm, topics: Topics | None = None) -> Log:
     if b"\0" in begin:
         raise ConfigError(f"--log: {path}: must be {FORMATS}")
     reader = carmen.read if carmen.is_carmen(begin.decode("utf-8", "replace")) else csv_file.read
-    with path.open("rb") as file:
-        lines = _lines(path, cast(IO[bytes], gzip.GzipFile(fileobj=file)) if packed else file)
+    with open_regular(path) as file:
+        content = cast(IO[bytes], gzip.GzipFile(fileobj=file)) if packed else file
+        lines = _lines(path, content, most_unpacked(file) if packed else None)
         return reader(path, lines, form)
 
 
@@ -61,10 +57,10 @@ def _read_bag(path: Path, topics: Topics | None) -> Log:
 
 def _begin(path: Path) -> bytes:
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             return file.read(_BEGIN_BYTES)
-    except OSError as error:
-        raise ConfigError(f"--log: {path}: {error.strerror}") from error
+    except (OSError, NotReadableError) as error:
+        raise ConfigError(f"--log: {path}: {reason(error)}") from error
 
 
 def _unpacked(path: Path, begin: bytes) -> bytes:
@@ -74,9 +70,19 @@ def _unpacked(path: Path, begin: bytes) -> bytes:
         raise ConfigError(f"--log: {path}: is a corrupt gzip file") from error
 
 
-def _lines(path: Path, file: IO[bytes]) -> Iterator[str]:
+def _lines(path: Path, file: IO[bytes], most: int | None) -> Iterator[str]:
+    """The lines of a log, of at most so many bytes."""
+    number, size = 0, 0
     try:
-        for line in file:
+        while line := file.readline(MAX_LINE_BYTES + 1):
+            number += 1
+            size += len(line)
+            if len(line) > MAX_LINE_BYTES:
+                raise ConfigError(
+                    f"--log: {path}:{number}: the line must have at most {MAX_LINE_BYTES} bytes"
+                )
+            if most is not None and size > most:
+                raise ConfigError(f"--log: {path}: must unpack to at most {most} bytes")
             yield line.decode("utf-8", "replace")
     except EOFError as error:
         raise ConfigError(f"--log: {path}: is a truncated gzip file") from error

@@ -7,6 +7,7 @@ Cartographer's compute_relations_metrics, so that they can be held against its f
 
 from __future__ import annotations
 
+import io
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,8 @@ from typing import Any
 import numpy as np
 
 from mazebot.common.config import ConfigError
+from mazebot.common.files.limits import MAX_DOCUMENT_BYTES
+from mazebot.common.files.reading import NotReadableError, read_limited, reason
 from mazebot.common.maths.frames import Array
 
 _COLUMNS = 8
@@ -74,10 +77,10 @@ def read_relations(path: Path) -> Relations:
     """
     rows = []
     try:
-        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError as error:
-        raise ConfigError(f"--relations: {path}: {error.strerror}") from error
-    for number, line in enumerate(lines, 1):
+        data = read_limited(path, MAX_DOCUMENT_BYTES)
+    except (OSError, NotReadableError) as error:
+        raise ConfigError(f"--relations: {path}: {reason(error)}") from error
+    for number, line in enumerate(io.TextIOWrapper(io.BytesIO(data), "utf-8", "replace"), 1):
         words = line.split()
         if not words or words[0].startswith("#"):
             continue

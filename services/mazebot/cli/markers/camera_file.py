@@ -12,7 +12,8 @@ import numpy as np
 import yaml
 
 from mazebot.common.config import ConfigError
-from mazebot.common.files.yaml_words import line_and_words
+from mazebot.common.files.bounded_yaml import ERRORS, BoundedLoader, not_yaml
+from mazebot.common.files.reading import NotReadableError, read_limited
 from mazebot.perception.pose import Camera
 
 MAX_BYTES = 64 * 1024
@@ -29,7 +30,7 @@ class CalibratedCamera:
     height_px: int
 
 
-class _Loader(yaml.SafeLoader):
+class _Loader(BoundedLoader):
     """YAML with OpenCV's matrices."""
 
 
@@ -69,27 +70,19 @@ def read_camera_file(file: Path) -> CalibratedCamera:
 
 def _content(file: Path) -> Mapping[str, Any]:
     try:
-        if file.exists() and not file.is_file():
-            raise ConfigError(f"{file}: must be a file")
-        with file.open("rb") as opened:
-            data = opened.read(MAX_BYTES + 1)
-        text = data.decode()
-    except OSError as error:
-        raise ConfigError(f"{file}: cannot be read: {error.strerror}") from error
+        text = read_limited(file, MAX_BYTES).decode()
     except UnicodeDecodeError as error:
         raise ConfigError(f"{file}: must be UTF-8 text") from error
-    if len(data) > MAX_BYTES:
-        raise ConfigError(f"{file}: must have at most {MAX_BYTES} bytes")
+    except NotReadableError as error:
+        raise ConfigError(f"{file}: {error}") from error
+    except OSError as error:
+        raise ConfigError(f"{file}: cannot be read: {error.strerror}") from error
     # OpenCV starts its files with a directive that YAML does not know: %YAML:1.0
     head, _, rest = text.partition("\n")
     try:
-        content = yaml.load(f"\n{rest}" if head.startswith("%YAML") else text, _Loader)
-    except yaml.YAMLError as error:
-        line, reason = line_and_words(error)
-        place = f"{file}:{line}" if line else str(file)
-        raise ConfigError(f"{place}: not YAML: {reason}") from error
-    except (RecursionError, ValueError) as error:
-        raise ConfigError(f"{file}: not YAML: {error!s:.120}") from error
+        content = _Loader(f"\n{rest}" if head.startswith("%YAML") else text).get_single_data()
+    except ERRORS as error:
+        raise not_yaml(str(file), error) from error
     if not isinstance(content, dict):
         raise ConfigError(f"{file}: must be a mapping with image_width, camera_matrix, ...")
     return content

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import difflib
-import io
 import math
 import sys
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,12 +13,14 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageOps, UnidentifiedImageError
+from PIL import Image, ImageOps
 
 from mazebot.cli.markers.camera_file import CalibratedCamera, read_camera_file
 from mazebot.cli.markers.markers_drawing import draw_markers
 from mazebot.cli.parsing.options import print_json
 from mazebot.common.config import ConfigError
+from mazebot.common.files.images import ImageError, NotAnImageError, open_image
+from mazebot.common.files.reading import NotReadableError, read_limited
 from mazebot.common.maths.frames import position_and_quaternion
 from mazebot.common.messages.documents import DICTIONARY_FILES
 from mazebot.common.world.marker_dictionary import read_dictionary
@@ -163,24 +163,18 @@ def _read_picture(file: Path) -> Picture:
     By Pillow: OpenCV writes to standard error by itself where a file is damaged.
     """
     try:
-        if file.exists() and not file.is_file():
-            raise ConfigError(f"{file}: must be a file")
-        with file.open("rb") as opened:
-            data = opened.read(MAX_BYTES + 1)
+        data = read_limited(file, MAX_BYTES)
+    except NotReadableError as error:
+        raise ConfigError(f"{file}: {error}") from error
     except OSError as error:
         raise ConfigError(f"{file}: cannot be read: {error.strerror}") from error
-    if len(data) > MAX_BYTES:
-        raise ConfigError(f"{file}: must have at most {MAX_BYTES} bytes")
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", Image.DecompressionBombWarning)
-            with Image.open(io.BytesIO(data), formats=FORMATS) as opened_picture:
-                upright = ImageOps.exif_transpose(opened_picture)
-                rgb = _eight_bits(upright)
-    except UnidentifiedImageError as error:
+        with open_image(data, FORMATS) as picture:
+            rgb = _eight_bits(ImageOps.exif_transpose(picture))
+    except NotAnImageError as error:
         raise ConfigError(f"{file}: is not an image: must be {', '.join(FORMATS)}") from error
-    except (Image.DecompressionBombError, Image.DecompressionBombWarning) as error:
-        raise ConfigError(f"{file}: has too many pixels") from error
+    except ImageError as error:
+        raise ConfigError(f"{file}: {error}") from error
     except (OSError, SyntaxError, ValueError, EOFError) as error:
         raise ConfigError(f"{file}: is corrupt: {error!s:.80}") from error
     return np.ascontiguousarray(rgb[..., ::-1])

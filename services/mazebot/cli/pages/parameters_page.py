@@ -97,7 +97,7 @@ def parameters_page() -> str:
         schema = config.model_json_schema()
         rows = [
             row
-            for row in _rows(schema, schema.get("$defs", {}))
+            for row in parameter_rows(schema, schema.get("$defs", {}))
             if name == "bus" or row[0] != "seed"
         ]
         lines = [f"| `{row[0]}` | {' | '.join(row[1:])} |" for row in rows]
@@ -105,7 +105,7 @@ def parameters_page() -> str:
     return "\n".join(parts)
 
 
-def _rows(
+def parameter_rows(
     schema: dict[str, Any], definitions: dict[str, Any], prefix: str = ""
 ) -> list[tuple[str, str, str, str, str]]:
     """Name, unit, value, default and meaning of each field; nested fields have dotted names."""
@@ -113,7 +113,7 @@ def _rows(
     for name, field in schema["properties"].items():
         if "$ref" in field:
             nested = definitions[field["$ref"].rpartition("/")[2]]
-            rows += _rows(nested, definitions, f"{prefix}{name}.")
+            rows += parameter_rows(nested, definitions, f"{prefix}{name}.")
             continue
         unit, meaning = unit_and_meaning(name, field.get("description", ""))
         each = field.get("additionalProperties")
@@ -121,7 +121,7 @@ def _rows(
             default = default_in_yaml(list(field.get("default", {})))
             rows.append((prefix + name, "", "mapping of names to sections", default, meaning))
             nested = definitions[each["$ref"].rpartition("/")[2]]
-            rows += _rows(nested, definitions, f"{prefix}{name}.NAME.")
+            rows += parameter_rows(nested, definitions, f"{prefix}{name}.NAME.")
             continue
         # A default folder is relative to the repository, not to this machine's root.
         value = field.get("default")

@@ -1,34 +1,60 @@
-"""Prints docs/topics.md from the table of topics and queries."""
+"""Prints docs/topics.md from the tables of topics, queries, and ROS 2's services and actions."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Iterable
+from typing import Any
 
-from mazebot.common.messages.topics import QUERIES, TOPICS
-from mazebot.common.messages.wire import key_from_topic, type_name
+from mazebot.common.messages.documents import Document
+from mazebot.common.messages.topics import QUERIES, TOPICS, Topic
+from mazebot.common.messages.wire import type_name
+from mazebot.common.ros.actions import ACTIONS
+from mazebot.common.ros.table import OF_EACH_NODE, ROS_SERVICES
 
 _HEAD = """# Topics
 
 Generated from `services/mazebot/common/messages/topics.py` by `make generate`; do not edit.
 
-Keys are the ROS names without their leading slash. `latest`: best effort, a subscriber keeps the
-newest message; `every`: reliable, resent to a subscriber that has missed it; `latched`: transient
-local, a late subscriber gets the last message. Types that are not from ROS are JSON documents in
+On the wire of rmw_zenoh the key of a topic is `DOMAIN/NAME/TYPE/HASH`, on the plain one the name
+without its leading slash ([ros2.md](ros2.md)). `latest`: best effort, a subscriber keeps the newest
+message; `every`: reliable, resent to a subscriber that has missed it; `latched`: transient local, a
+late subscriber gets the last message. Types that are not from ROS are JSON documents in
 `std_msgs/msg/String`, declared in `services/mazebot/common/messages/documents/`.
 
-| topic | key | type | rate Hz | publishers | subscribers | delivery | what |
-| --- | --- | --- | --- | --- | --- | --- | --- |
+| topic | type | rate Hz | publishers | subscribers | delivery | what |
+| --- | --- | --- | --- | --- | --- | --- |
 """
 
 _QUERIES_HEAD = """
 ## Queries
 
-Zenoh queries of user tools to one service, on the key of the name; request and reply are JSON
-documents of `services/mazebot/common/messages/documents/`.
+Zenoh queries of user tools to one service, on the key `DOMAIN/NAME`, or on the plain wire `NAME`;
+request and reply are JSON documents of `services/mazebot/common/messages/documents/`.
 
-| query | key | request | reply | answered by | what |
-| --- | --- | --- | --- | --- | --- |
+| query | request | reply | answered by | what |
+| --- | --- | --- | --- | --- |
+"""
+
+_SERVICES_HEAD = """
+## ROS services
+
+Services of ROS 2 on the wire of rmw_zenoh ([ros2.md](ros2.md)), from
+`services/mazebot/common/ros/table.py`; each is answered by the same query as Mazebot's own tools
+use. `NODE`: every node has this one.
+
+| service | type | answered by | what |
+| --- | --- | --- | --- |
+"""
+
+_ACTIONS_HEAD = """
+## ROS actions
+
+Actions of ROS 2 on the same wire, from `services/mazebot/common/ros/actions.py`; each starts its
+goal by the query `/navigation/send_goal`, or `/compute_path_to_pose`.
+
+| action | type | run by | what |
+| --- | --- | --- | --- |
 """
 
 
@@ -36,26 +62,47 @@ def topics_page() -> str:
     """Return the text of the page."""
     rows: list[tuple[str, ...]] = []
     for topic in sorted(TOPICS, key=lambda topic: topic.name):
-        kind = type_name(topic)
-        if kind.startswith("std_msgs"):
-            kind = topic.type.__name__
+        is_own = issubclass(topic.type, Document)
+        kind = topic.type.__name__ if is_own else type_name(topic)
         rate = "" if topic.rate_hz is None else f"{topic.rate_hz:g}"
         cells = (
-            f"`{topic.name}`", f"`{key_from_topic(topic)}`", f"`{kind}`", rate,
-            ", ".join(topic.owners), ", ".join(topic.readers), topic.delivery.value, topic.about,
+            f"`{topic.name}`", f"`{kind}`", rate,
+            ", ".join(topic.owners), _readers(topic), topic.delivery.value, topic.about,
         )  # fmt: skip
         rows.append(cells)
     queries = [
         (
-            f"`{query.name}`", f"`{key_from_topic(query)}`", f"`{query.request.__name__}`",
+            f"`{query.name}`", f"`{query.request.__name__}`",
             f"`{query.response.__name__}`", query.owner, query.about,
         )
         for query in sorted(QUERIES, key=lambda query: query.name)
     ]  # fmt: skip
-    return _HEAD + _table(rows) + _QUERIES_HEAD + _table(queries)
+    each = {f"/{one.owner}/{name}" for one in ROS_SERVICES for name, *_ in OF_EACH_NODE}
+    services = [
+        *(
+            (f"`{one.name}`", f"`{one.type}`", one.owner, one.about)
+            for one in sorted(ROS_SERVICES, key=lambda one: one.name)
+            if one.name not in each
+        ),
+        *((f"`/NODE/{name}`", f"`{kind}`", "NODE", about) for name, kind, _, about in OF_EACH_NODE),
+    ]
+    actions = [
+        (f"`{action.name}`", f"`{action.type}`", action.owner, action.about)
+        for action in sorted(ACTIONS, key=lambda action: action.name)
+    ]
+    parts = (
+        (_HEAD, rows), (_QUERIES_HEAD, queries), (_SERVICES_HEAD, services),
+        (_ACTIONS_HEAD, actions),
+    )  # fmt: skip
+    return "".join(head + _table(table) for head, table in parts)
 
 
-def _table(rows: Iterable[tuple[str, ...]]) -> str:
+def _readers(topic: Topic[Any]) -> str:
+    kept = ", ".join(topic.keepers)
+    return ", ".join(topic.readers) + (f"kept by {kept}" if kept else "")
+
+
+def _table(rows: Iterable[Iterable[str]]) -> str:
     return "".join("| " + " | ".join(cells) + " |\n" for cells in rows)
 
 

@@ -11,6 +11,9 @@ import typer
 
 from mazebot.common.config import ConfigError
 
+SIMULATOR, NAVIGATION = "simulator", "navigation-only"
+"""Halves of a stack: names that stand for several services."""
+
 
 def world_names(incomplete: str) -> list[str]:
     """The worlds' names and their short names."""
@@ -75,3 +78,10 @@ def stack_service_names(incomplete: str) -> list[str]:
     return [
         f"{done}{comma}{name}" for name in ("router", *service_names("")) if name.startswith(last)
     ]
+
+
+def stack_part_names(incomplete: str) -> list[str]:
+    """The services of a stack and its halves, of a list the last."""
+    done, comma, last = incomplete.rpartition(",")
+    halves = [f"{done}{comma}{name}" for name in (SIMULATOR, NAVIGATION) if name.startswith(last)]
+    return halves + stack_service_names(incomplete)

@@ -8,7 +8,7 @@ from importlib import import_module
 from pathlib import Path
 
 from mazebot.common.config import ConfigError, ServiceConfig, setting_names
-from mazebot.common.settings.known_settings import PREFIX, unknown_variable
+from mazebot.common.settings.known_settings import ALONE, PREFIX, unknown_variable
 from mazebot.common.settings.load import read_settings, sections
 
 _ELSEWHERE = {
@@ -27,7 +27,7 @@ def check_environment() -> None:
     """Raises ConfigError where a `MAZEBOT_*` variable belongs to no service."""
     mine = [name for name in os.environ if name.upper().startswith(PREFIX)]
     # Every command that connects handles this variable itself.
-    if [name for name in mine if name.upper() != "MAZEBOT_BUS_CONNECT"]:
+    if {name.upper() for name in mine} - {"MAZEBOT_BUS_CONNECT", *ALONE}:
         problem = unknown_variable(mine, fields_of_all())
         if problem:
             raise ConfigError(problem)

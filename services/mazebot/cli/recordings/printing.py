@@ -6,6 +6,7 @@ import dataclasses
 import sys
 from collections.abc import Collection, Sequence
 
+from mazebot.common.problems import words
 from mazebot.common.recordings.catalog import RecordingInfo
 
 
@@ -13,7 +14,7 @@ def print_table(
     headings: Sequence[str], rows: Sequence[Sequence[str]], right: Collection[str] = ()
 ) -> None:
     """Print columns, those named in `right` aligned there; thousands of rows take no time."""
-    table = [list(headings), *map(list, rows)]
+    table = [list(headings), *(list(map(printable, row)) for row in rows)]
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
     lines = []
     for row in table:
@@ -34,6 +35,11 @@ def info_row(run: RecordingInfo) -> dict[str, object]:
         "recording": str(run.recording) if run.recording else None,
         "failed": run.failed,
     }
+
+
+def printable(text: str) -> str:
+    """A text of a recording with its control characters as codes: a terminal obeys them."""
+    return text if text.isprintable() else words(text)
 
 
 def size_text(size_bytes: float) -> str:

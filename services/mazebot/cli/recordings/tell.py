@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from mazebot.cli.parsing.options import print_json
-from mazebot.cli.recordings.printing import info_row, number_text, print_table, size_text
+from mazebot.cli.recordings.printing import info_row, number_text, print_table, printable, size_text
 from mazebot.common.config import ConfigError
 from mazebot.common.recordings.catalog import RecordingInfo, find_run
 from mazebot.common.recordings.figures import FIGURES, figure_text, figures_of
@@ -86,8 +86,9 @@ def print_run(directory: Path, name: str, as_json: bool) -> None:
         *((f"set {name}", str(value)) for name, value in (run.changed_settings or {}).items()),
         *((f"file {name}", f"{size_text(size)} MB") for name, size in sizes.items()),
     ]
-    width = max(len(title) for title, _ in lines)
-    sys.stdout.write("".join(f"{title.ljust(width)}  {text}\n" for title, text in lines))
+    shown = [(printable(title), printable(text)) for title, text in lines]
+    width = max(len(title) for title, _ in shown)
+    sys.stdout.write("".join(f"{title.ljust(width)}  {text}\n" for title, text in shown))
 
 
 def print_comparison(directory: Path, names: Sequence[str], messages: bool, as_json: bool) -> None:
@@ -139,7 +140,7 @@ def print_comparison(directory: Path, names: Sequence[str], messages: bool, as_j
     print_table(headings, rows, right=short)
     for name, verdict in zip(runs[1:], comparison.messages, strict=False):
         sys.stdout.write(f"\n messages of {name} against {runs[0]}:\n")
-        sys.stdout.write("".join(f"   {line}\n" for line in verdict.lines))
+        sys.stdout.write("".join(f"   {printable(line)}\n" for line in verdict.lines))
 
 
 def _value_text(value: Any) -> str:

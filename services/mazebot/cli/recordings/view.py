@@ -9,6 +9,7 @@ import threading
 import webbrowser
 from pathlib import Path
 
+from mazebot.cli.parsing.patience import wait_quietly
 from mazebot.common.config import ConfigError
 from mazebot.common.recordings.catalog import LATEST, find_run
 from mazebot.common.recordings.run_folder import RECORDING, parts_of
@@ -42,6 +43,7 @@ def view_run(
         status = f"opened {url} in your browser" if opened else f"open {url} in a browser"
         sys.stdout.write(f"{recording}: {status} (Ctrl-C to stop)\n")
         sys.stdout.flush()
+        wait_quietly()
         try:
             threading.Event().wait()
         finally:

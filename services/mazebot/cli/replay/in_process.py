@@ -11,11 +11,15 @@ from mazebot.cli.replay.seats import Feed, ReplayRound
 from mazebot.common.config import ConfigError
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages import wire
-from mazebot.common.messages.topics import DIAGNOSTICS, PARAMETERS, ROSOUT, Topic
+from mazebot.common.messages.topics import DIAGNOSTICS, PARAMETERS, ROSOUT, TOPICS, Topic
 from mazebot.common.node.executive import LocalSeat
 from mazebot.common.node.node import ClockNode, Envelope, Inbox, Node, Outbox
 
-NOT_COMPARED = (PARAMETERS.name, DIAGNOSTICS.name, ROSOUT.name)
+NOT_COMPARED = (
+    PARAMETERS.name, DIAGNOSTICS.name, ROSOUT.name,
+    # What others only keep for its owner is not recorded.
+    *(topic.name for topic in TOPICS if topic.keepers),
+)  # fmt: skip
 """They hold folders and wall times, which differ between two runs that are the same."""
 _STALLED_TURNS = 10
 

@@ -24,9 +24,11 @@ from mazebot.cli.topics.topic import named_topic
 from mazebot.common.bus.config import BusConfig
 from mazebot.common.bus.liveliness import alive
 from mazebot.common.bus.pace import Pace
-from mazebot.common.bus.session import BusUnavailableError, open_session
+from mazebot.common.bus.session import BusUnavailableError, join
 from mazebot.common.config import ConfigError
+from mazebot.common.messages.keys import Keys
 from mazebot.common.messages.topics import CLOCK, EDGE, SERVICES, Delivery
+from mazebot.common.settings.load import load
 
 EXIT_INTERRUPTED = 130
 _SLEEP_S = 0.05
@@ -101,12 +103,13 @@ def publish_recording(
     real = choice.real
     try:
         pace = "lockstep" if lockstep else "real_time"
-        session = open_session(BusConfig(connect=endpoint, pace=pace))
+        config = load(BusConfig, "bus", [], {"connect": endpoint, "pace": pace})
+        session = join(config)
     except BusUnavailableError as error:
         hint = "start one with `docker compose up router`, or python -m mazebot.router"
         raise ConfigError(f"replay: {error}: {hint}") from error
     comparison = Comparison()
-    player = _Player(session, recording, choice, real, comparison)
+    player = _Player(session, config.keys, recording, choice, real, comparison)
     code = 0
     try:
         with contextlib.closing(player):
@@ -150,12 +153,13 @@ class _Player:
     def __init__(
         self,
         session: zenoh.Session,
+        keys: Keys,
         recording: Recording,
         choice: Choice,
         real: list[str],
         comparison: Comparison,
     ) -> None:
-        self._session = session
+        self._session, self._keys = session, keys
         self._recording = recording
         self._choice = choice
         self._real = real
@@ -165,7 +169,7 @@ class _Player:
             for service in SERVICES
             if service not in real and (service in recording.services or service == CLOCK_SERVICE)
         ]
-        self._listener = Listener(session, real)
+        self._listener = Listener(session, real, keys)
         self._turns: TurnsOnBus | None = None
         self.sent = 0
 
@@ -174,7 +178,7 @@ class _Player:
 
         Raises ConfigError where a service runs that is replayed.
         """
-        running = alive(self._session)
+        running = alive(self._session, self._keys)
         if CLOCK_SERVICE in running:
             raise ConfigError(
                 "replay: a simulation, or another replay, is running on this router: stop "
@@ -189,7 +193,7 @@ class _Player:
                     f"leave out its messages (--without {service})"
                 )
         if lockstep:
-            self._turns = TurnsOnBus(self._session, self._real)
+            self._turns = TurnsOnBus(self._session, self._real, self._keys)
         reported: list[str] = []
         while missing := self._missing():
             if missing != reported:
@@ -203,12 +207,12 @@ class _Player:
             return self._turns.missing()
         if not self._real:
             return []
-        running = alive(self._session)
+        running = alive(self._session, self._keys)
         return [service for service in self._real if service not in running]
 
     def play(self, span_ns: tuple[int, int], speed: float, lockstep: bool) -> None:
         """Publish all messages once."""
-        sender = Sender(self._session, self._replayed, lockstep)
+        sender = Sender(self._session, self._replayed, lockstep, self._keys)
         self._listener.own.update(sender.sources.values())
         self._listener.newest_ns.clear()
         self._listener.counts.clear()

@@ -14,9 +14,10 @@ from mazebot.cli.replay.comparison import Comparison
 from mazebot.cli.replay.in_process import NOT_COMPARED
 from mazebot.cli.replay.reading.replayed import Replayed
 from mazebot.common.bus.attachment import pack_attachment
-from mazebot.common.bus.liveliness import alive_key
+from mazebot.common.bus.liveliness import GraphNode, alive_key, graph_name
 from mazebot.common.bus.publisher import publish
 from mazebot.common.bus.subscriber import subscribe
+from mazebot.common.messages.keys import DEFAULT_KEYS, Keys
 from mazebot.common.messages.topics import BY_NAME, EDGE, ROSOUT, Topic, owned_by
 from mazebot.common.node.node import Envelope
 
@@ -27,17 +28,26 @@ MATCH_S = 5.0
 class Sender:
     """Publishers of all topics of some services, each with a source of its own."""
 
-    def __init__(self, session: zenoh.Session, services: Iterable[str], lossless: bool) -> None:
+    def __init__(
+        self,
+        session: zenoh.Session,
+        services: Iterable[str],
+        lossless: bool,
+        keys: Keys = DEFAULT_KEYS,
+    ) -> None:
         self._session = session
         self.sources = {service: uuid.uuid4().hex for service in (*services, EDGE)}
         self._sequences: dict[tuple[str, str], int] = {}
+        self._nodes = {
+            service: GraphNode(session, graph_name(service), keys) for service in self.sources
+        }
         self._publishers: dict[tuple[str, str], Any] = {
-            (service, topic.name): publish(session, topic, lossless=lossless)
-            for service in self.sources
+            (service, topic.name): publish(session, topic, keys, lossless, node)
+            for service, node in self._nodes.items()
             for topic in owned_by(service)
         }
         self._tokens = [
-            session.liveliness().declare_token(alive_key(service, source))
+            session.liveliness().declare_token(alive_key(service, source, keys))
             for service, source in self.sources.items()
             if service != EDGE
         ]
@@ -72,12 +82,14 @@ class Sender:
         """Withdraw the tokens."""
         for token in self._tokens:
             token.undeclare()  # type: ignore[no-untyped-call]
+        for node in self._nodes.values():
+            node.close()
 
 
 class Listener:
     """Receives the messages of the services that take the place of recorded ones."""
 
-    def __init__(self, session: zenoh.Session, services: Iterable[str]) -> None:
+    def __init__(self, session: zenoh.Session, services: Iterable[str], keys: Keys) -> None:
         self._received: queue.SimpleQueue[tuple[Topic[Any], bytes, int]] = queue.SimpleQueue()
         self.counts: dict[str, int] = {}
         """Messages received, by topic."""
@@ -88,7 +100,7 @@ class Listener:
         topics = {topic.name: topic for service in services for topic in owned_by(service)}
         # All of them: a service whose messages have no subscriber reopens its session.
         self._subscribers = [
-            subscribe(session, topic, self._receiver(topic)) for topic in topics.values()
+            subscribe(session, topic, self._receiver(topic), keys) for topic in topics.values()
         ]
 
     def _receiver(self, topic: Topic[Any]) -> Callable[[bytes, Envelope], None]:

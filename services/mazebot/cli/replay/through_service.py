@@ -51,7 +51,7 @@ def compare_service(
     start_ns = recording.start_ns
     messages = between(in_time(recording.read()), start_ns, span_ns[1])
     try:
-        with shown(start_ns, span_ns[1], lines=not as_json) as watch:
+        with shown(start_ns, span_ns[1]) as watch:
             comparison = replay_through(
                 node, messages, start_ns, span_ns[0], recording.pictures == "raw", watch
             )

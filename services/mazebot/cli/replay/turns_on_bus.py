@@ -17,6 +17,7 @@ from mazebot.common.bus.lockstep import Ledger, LockstepError, RemoteSeat, Turn,
 from mazebot.common.bus.pace import Pace
 from mazebot.common.bus.seats import give_turn, watch_seats
 from mazebot.common.config import ConfigError
+from mazebot.common.messages.keys import Keys
 from mazebot.common.messages.topics import SERVICES
 
 TIMEOUT_S = 10.0
@@ -34,15 +35,15 @@ def _in_one_line() -> Iterator[None]:
 class TurnsOnBus:
     """Gives the turns to the services that take the place of recorded ones."""
 
-    def __init__(self, session: zenoh.Session, services: Sequence[str]) -> None:
-        self._session = session
+    def __init__(self, session: zenoh.Session, services: Sequence[str], keys: Keys) -> None:
+        self._session, self._keys = session, keys
         self._services = sorted(services, key=SERVICES.index)
         self._present: dict[str, str] = {}
         self._seats: dict[str, RemoteSeat] = {}
         self._executive = uuid.uuid4().hex
         self._before: dict[str, dict[str, int]] = {}
         self._sent: dict[str, dict[str, int]] = {}
-        self._watch = watch_seats(session, self._on_seat, self._on_wake)
+        self._watch = watch_seats(session, self._on_seat, self._on_wake, keys)
 
     def _on_seat(self, service: str, source: str, is_there: bool) -> None:
         if is_there:
@@ -119,7 +120,7 @@ class TurnsOnBus:
 
     def _ask(self, service: str, source: str, turn: Turn) -> TurnEnd | None:
         data = turn.model_dump_json().encode()
-        reply = give_turn(self._session, service, source, data, TIMEOUT_S)
+        reply = give_turn(self._session, service, source, data, TIMEOUT_S, self._keys)
         try:
             end = None if reply is None else TurnEnd.model_validate_json(reply)
         except ValueError:

@@ -12,8 +12,13 @@ import typer
 
 from mazebot.cli.own_router import how_to_find, router_port
 from mazebot.cli.parsing import known
-from mazebot.cli.parsing.completion import stack_service_names, world_names
+from mazebot.cli.parsing.completion import (
+    stack_part_names,
+    stack_service_names,
+    world_names,
+)
 from mazebot.cli.parsing.options import Camera, Json, TextureBase, UseAruco, print_json
+from mazebot.cli.parsing.patience import doing, say_first, wait_quietly
 from mazebot.common.config import ConfigError
 
 if TYPE_CHECKING:
@@ -53,8 +58,9 @@ def up(
     only: Annotated[
         list[str] | None,
         typer.Option(
-            help="start only the router and these services, separated by commas",
-            autocompletion=stack_service_names,
+            help="start only the router and these services, separated by commas; simulator: all "
+            "but what localises and drives the robot; navigation-only: that, and a recorder",
+            autocompletion=stack_part_names,
         ),
     ] = None,
     map_file: Annotated[
@@ -78,6 +84,21 @@ def up(
         ),
     ] = None,
     config: Annotated[Path | None, typer.Option(help="a YAML file of settings")] = None,
+    connect: Annotated[
+        str | None,
+        typer.Option(
+            help="start no router but join that of another stack, such as tcp/127.0.0.1:7447; "
+            "what runs there already is left out"
+        ),
+    ] = None,
+    keys_dir: Annotated[
+        Path | None,
+        typer.Option(
+            "--keys", metavar="FOLDER",
+            help="let only those in who have a key in this folder: see mazebot keys; keys that "
+            "are missing are made, and your own tools find yours",
+        ),
+    ] = None,
     detach: Annotated[
         bool,
         typer.Option("--detach", "-d", help="return when the services are active"),
@@ -89,8 +110,7 @@ def up(
     As docker compose up: the services go on after the tour, until mazebot down. Ctrl-C ends them.
     """
     known.check_not_for_make([], reads=("SEED", "WORLDS_DIR", "PACE"))
-    sys.stdout.write(f"starting the services for world {world}\n")
-    sys.stdout.flush()
+    say_first(f"starting the services for world {world}")
     from mazebot.cli.demo import parse_bool  # noqa: PLC0415
     from mazebot.cli.stack.control import refuse_second, start  # noqa: PLC0415
     from mazebot.cli.stack.plan import StackOptions, plan_of, service_names  # noqa: PLC0415
@@ -103,6 +123,7 @@ def up(
         port=folder.port,
         overrides=tuple(overrides or ()),
         only=service_names(only or ()),
+        connect=connect,
         slam=slam,
         map_file=map_file,
         worlds_dir=worlds_dir,
@@ -112,8 +133,11 @@ def up(
         pace=pace,
         camera=camera,
         config=config,
+        keys_dir=keys_dir,
     )
     plan = plan_of(options)
+    if plan.left_out:
+        _say(f"left out, as they run on {connect} already: {', '.join(plan.left_out)}")
     # What ends the command from now on ends the stack.
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.default_int_handler)
@@ -135,7 +159,11 @@ def up(
 def _wait(folder: StackFolder) -> int:
     from mazebot.cli.stack.control import wait_until_active  # noqa: PLC0415
 
-    code = wait_until_active(folder, _say, _ACTIVE_S)
+    def tell(missing: str) -> None:
+        _say(missing)
+        doing(missing)
+
+    code = wait_until_active(folder, tell, _ACTIVE_S)
     _say("the demo has ended" if code else "active")
     _say("see mazebot ps, mazebot logs; mazebot down ends them")
     return code
@@ -157,6 +185,8 @@ def _follow(folder: StackFolder, state: StackState) -> int:
 
     for line in follow(folder.path, [*shown, SUPERVISOR], goes_on):
         if line is not None:
+            # From now on, silence is for the demo to break.
+            wait_quietly()
             service, text = line
             _say(text if service != SUPERVISOR else f"[WARN] [{SUPERVISOR}]: {text}")
     now = folder.running()
@@ -164,9 +194,8 @@ def _follow(folder: StackFolder, state: StackState) -> int:
         _say("the stack has ended")
         return 0
     demo = now.service(DEMO)
-    _say(
-        "the other services go on: mazebot goal 0.5 -0.9 0 sends the robot, mazebot down ends them"
-    )
+    how = "mazebot goal 0.5 -0.9 0 sends the robot, " if now.service("navigation") else ""
+    _say(f"the other services go on: {how}mazebot down ends them")
     return 0 if demo is None else demo.exit_code or 0
 
 
@@ -252,6 +281,8 @@ def logs(
         if follow
         else log_file.read_lines(folder.path, wanted)
     )
+    if follow:
+        wait_quietly()
     for line in lines:
         if line is not None:
             name, text = line

@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 from mazebot.cli.stack.plan import DEMO, StackPlan
 from mazebot.cli.stack.state import ProcessId, ServiceState, StackFolder, StackState
-from mazebot.cli.stack.supervisor import STOP_S
+from mazebot.cli.stack.supervisor import STOP_S, stop_s
 from mazebot.common.config import ConfigError
 
 _ERRORS = "supervisor.err"
@@ -47,6 +47,7 @@ def start(plan: StackPlan, folder: StackFolder) -> StackState:
         raise _runs_already(state) if state else ConfigError("up: another one is starting")
     with lock:
         folder.forget()
+        folder.use_keys(plan.keys_dir)
         with (folder.path / _ERRORS).open("wb") as errors:
             supervisor = subprocess.Popen(
                 [sys.executable, "-m", "mazebot.cli.stack.supervisor"],
@@ -91,8 +92,8 @@ def wait_until_active(folder: StackFolder, tell: Callable[[str], None], timeout_
         if state is None:
             raise ConfigError("up: the stack has ended")
         demo = state.service(DEMO)
-        if demo is not None and demo.phase == "ended":
-            return demo.exit_code or 0
+        if demo is not None and demo.phase == "ended" and demo.exit_code:
+            return demo.exit_code
         missing = _missing(state)
         if missing:
             since_s = time.monotonic()
@@ -107,15 +108,17 @@ def wait_until_active(folder: StackFolder, tell: Callable[[str], None], timeout_
 
 def _missing(state: StackState) -> str:
     """What a stack waits for, in words; empty: nothing. A demo knows what the others wait for, and
-    which of them may; without one all have to be connected.
+    which of them may; without one, or once it has ended, all have to be connected.
     """
     demo = state.service(DEMO)
-    if demo is not None:
+    if demo is not None and demo.phase != "ended":
         return "" if demo.phase == "active" else f"{DEMO}: {demo.text}"
     waiting = [
         f"{one.name}: {one.text}"
         for one in state.services
-        if one.phase != "active" and not (one.phase == "waiting" and "the bus" not in one.text)
+        if one is not demo
+        and one.phase != "active"
+        and not (one.phase == "waiting" and "the bus" not in one.text)
     ]
     return ", ".join(waiting)
 
@@ -129,7 +132,8 @@ def end(folder: StackFolder) -> int:
         return 0
     state.supervisor.send(signal.SIGTERM)
     # It ends the services, and the router after them.
-    _wait((state.supervisor,), 2.0 * STOP_S + 2.0)
+    longest_s = max([STOP_S, *(stop_s(one.name) for one in state.services)])
+    _wait((state.supervisor,), longest_s + STOP_S + 2.0)
     services = [one.process for one in state.services if one.process is not None]
     count = len(services)
     # What a supervisor leaves that was killed itself.

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from pydantic import BaseModel
 
 from mazebot.cli.own_router import router_address, taken
+from mazebot.cli.parsing.completion import NAVIGATION, SIMULATOR
 from mazebot.common.config import ConfigError
 from mazebot.common.settings.known_settings import unknown_name
 
@@ -24,7 +25,12 @@ if TYPE_CHECKING:
 
 ROUTER, DEMO = "router", "bringup"
 """The services that all others need, and that ends with the tour."""
+OPERATOR = "operator"
+"""Whose key the user's tools have."""
 _MAPPERS, _LOCALIZER = ("mapping", "explorer"), "localization"
+_SIMULATOR = ("worldgen", "physics", "spawner", "perception", "recorder", DEMO)
+_NAVIGATION = ("navigation", "recorder")
+"""And what localises the robot."""
 _VIEWER_PORTS = {
     # As Docker Compose names them.
     "MAZEBOT_VIEWER_PORT": ("MAZEBOT_RECORDER_WEB_PORT", 9090),
@@ -46,13 +52,20 @@ class StackPlan(BaseModel):
     """A stack to start."""
 
     port: int
+    """Of its router; without one, it is only the stack's name."""
     about: str
     services: list[ServicePlan]
+    connect: str | None = None
+    """The endpoint of the router of another stack."""
+    left_out: list[str] = []
+    """Services that run there already."""
+    keys_dir: Path | None = None
+    """The folder of the keys with which the services sign in at the router."""
 
     @property
     def endpoint(self) -> str:
         """Of the router."""
-        return router_address(self.port)
+        return self.connect or router_address(self.port)
 
 
 class StackOptions(BaseModel):
@@ -62,6 +75,9 @@ class StackOptions(BaseModel):
     port: int
     overrides: tuple[str, ...] = ()
     only: tuple[str, ...] = ()
+    """Services, or halves of a stack."""
+    connect: str | None = None
+    """The endpoint of another stack's router, in place of a router of its own."""
     slam: bool = False
     map_file: Path | None = None
     worlds_dir: Path | None = None
@@ -71,6 +87,7 @@ class StackOptions(BaseModel):
     pace: str | None = None
     camera: bool | None = None
     config: Path | None = None
+    keys_dir: Path | None = None
 
 
 def plan_of(options: StackOptions) -> StackPlan:
@@ -79,15 +96,31 @@ def plan_of(options: StackOptions) -> StackPlan:
     Raises ConfigError where a world, a service or a setting is wrong, or a port is taken.
     """
     names = _names(options)
+    key_files = _key_files(options.keys_dir)
+    there = (
+        _running_on(options.connect, key_files.get(OPERATOR)) if options.connect else frozenset()
+    )
+    left_out = [name for name in names if name in there]
+    names = [name for name in names if name not in there]
+    if not names:
+        raise ConfigError(f"--connect: {options.connect}: all these services run there already")
     environments = _environments(options)
     plan = StackPlan(
         port=options.port,
+        connect=options.connect,
+        left_out=left_out,
+        keys_dir=None if options.keys_dir is None else options.keys_dir.absolute(),
         about=f"world {options.world}{', without a map' if options.slam else ''}",
         services=[
             ServicePlan(
                 name=name,
                 command=[sys.executable, "-m", f"mazebot.{name}", *_flags(name, options)],
-                environment={**environments["all"], **environments.get(name, {})},
+                environment={
+                    **environments["all"],
+                    **environments.get(name, {}),
+                    **_given(MAZEBOT_BUS_KEY_FILE=key_files.get(name)),
+                    **_given(MAZEBOT_RECORDER_FOXGLOVE_KEY_FILE=key_files.get(OPERATOR)),
+                },
                 restarts=name != DEMO,
             )
             for name in names
@@ -98,11 +131,14 @@ def plan_of(options: StackOptions) -> StackPlan:
 
 
 def service_names(text: Sequence[str]) -> tuple[str, ...]:
-    """The services that `--only` names, separated by commas or given one by one.
+    """The services, and halves of a stack, that `--only` names, separated by commas or given one by
+    one.
 
     Raises ConfigError for an unknown one.
     """
-    return tuple(known_service("--only", name) for some in text for name in some.split(","))
+    names = [name for some in text for name in some.split(",")]
+    known = (*known_services(), SIMULATOR, NAVIGATION)
+    return tuple(_known("--only", name, known) for name in names)
 
 
 def known_services() -> tuple[str, ...]:
@@ -114,7 +150,10 @@ def known_services() -> tuple[str, ...]:
 
 def known_service(option: str, name: str) -> str:
     """A service's name. Raises ConfigError where there is no such service."""
-    known = known_services()
+    return _known(option, name, known_services())
+
+
+def _known(option: str, name: str, known: Sequence[str]) -> str:
     if name not in known:
         raise ConfigError(f"{option}: {name!r:.60}: unknown service{unknown_name(name, known)}")
     return name
@@ -123,10 +162,46 @@ def known_service(option: str, name: str) -> str:
 def _names(options: StackOptions) -> list[str]:
     from mazebot.common.messages.topics import SERVICES  # noqa: PLC0415 - loads the messages
 
-    if options.only:
-        return [ROUTER, *(name for name in SERVICES if name in options.only)]
-    without = (_LOCALIZER,) if options.slam else _MAPPERS
-    return [ROUTER, *(name for name in SERVICES if name not in without)]
+    localizers = _MAPPERS if options.slam else (_LOCALIZER,)
+    wanted = set(options.only) or {SIMULATOR, NAVIGATION}
+    for half, services in ((SIMULATOR, _SIMULATOR), (NAVIGATION, (*_NAVIGATION, *localizers))):
+        if half in wanted:
+            wanted |= set(services)
+    routers = [] if options.connect else [ROUTER]
+    return [*routers, *(name for name in SERVICES if name in wanted)]
+
+
+def _key_files(folder: Path | None) -> dict[str, Path]:
+    """The keys of the services, and of the operator, by name; those that are missing are made.
+
+    Raises ConfigError.
+    """
+    if folder is None:
+        return {}
+    # It loads all tables.
+    from mazebot.common.access.key_store import KeyStore  # noqa: PLC0415
+
+    store = KeyStore(folder.absolute())
+    store.complete()
+    return {name: store.path_of(name) for name in store.read()}
+
+
+def _running_on(endpoint: str, key_file: Path | None) -> frozenset[str]:
+    """The services on another stack's router. Raises ConfigError where there is none."""
+    # Zenoh takes long to load.
+    from mazebot.common.bus.config import BusConfig  # noqa: PLC0415
+    from mazebot.common.bus.liveliness import alive  # noqa: PLC0415
+    from mazebot.common.bus.session import BusUnavailableError, join  # noqa: PLC0415
+    from mazebot.common.settings.load import load  # noqa: PLC0415
+
+    config = load(BusConfig, "bus", [], {"connect": endpoint, **_given(key_file=key_file)})
+    try:
+        session = join(config)
+    except BusUnavailableError as error:
+        raise ConfigError(f"--connect: {error}: must be the router of a stack that runs") from error
+    running = frozenset(alive(session, config.keys))
+    session.close()  # type: ignore[no-untyped-call]
+    return running
 
 
 def _flags(name: str, options: StackOptions) -> list[str]:
@@ -136,7 +211,7 @@ def _flags(name: str, options: StackOptions) -> list[str]:
 def _environments(options: StackOptions) -> dict[str, dict[str, str]]:
     """As in docker-compose.yaml: what is set for all services, and for some."""
     common = {
-        "MAZEBOT_BUS_CONNECT": router_address(options.port),
+        "MAZEBOT_BUS_CONNECT": options.connect or router_address(options.port),
         "PYTHONUNBUFFERED": "1",
         **_given(
             MAZEBOT_SEED=options.seed,
@@ -145,6 +220,7 @@ def _environments(options: StackOptions) -> dict[str, dict[str, str]]:
         ),
     }
     overrides = json.dumps(options.overrides) if options.overrides else None
+    drives = not options.only or NAVIGATION in options.only or "navigation" in options.only
     map_file = None if options.map_file is None else options.map_file.absolute()
     recorder = {
         "MAZEBOT_RECORDER_LIVE": os.environ.get("MAZEBOT_RECORDER_LIVE") or "true",
@@ -158,6 +234,7 @@ def _environments(options: StackOptions) -> dict[str, dict[str, str]]:
     }
     return {
         "all": common,
+        ROUTER: _given(MAZEBOT_ROUTER_KEYS_DIR=options.keys_dir and options.keys_dir.absolute()),
         "worldgen": _given(
             MAZEBOT_WORLDGEN_MAP_FILE=map_file,
             MAZEBOT_WORLDGEN_WORLDS_DIR=options.worlds_dir,
@@ -170,6 +247,7 @@ def _environments(options: StackOptions) -> dict[str, dict[str, str]]:
             MAZEBOT_BRINGUP_WORLD_OVERRIDES=overrides,
             MAZEBOT_BRINGUP_USE_ARUCO=options.use_aruco,
             MAZEBOT_BRINGUP_SLAM=options.slam or None,
+            MAZEBOT_BRINGUP_DRIVE=None if drives else False,
         ),
     }
 
@@ -225,7 +303,7 @@ def _check_world(given: str, bringup: BringupConfig, worldgen: WorldgenConfig | 
 
 def _check_ports(plan: StackPlan, recorder: RecorderConfig | None) -> None:
     """Raises ConfigError where a port is taken."""
-    if _is_taken(plan.port):
+    if plan.connect is None and _is_taken(plan.port):
         raise taken(plan.endpoint)
     if recorder is None or not recorder.live:
         return

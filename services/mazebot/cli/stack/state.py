@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import fcntl
 import os
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO, Literal
@@ -12,6 +11,7 @@ from typing import BinaryIO, Literal
 from pydantic import BaseModel, ValidationError
 
 from mazebot.common.config import ConfigError
+from mazebot.common.files.key_file import KEYS, stacks_folder
 
 _STATE, _LOCK = "state.json", "lock"
 
@@ -134,9 +134,16 @@ class StackFolder:
         processes = [state.supervisor, *(one.process for one in state.services if one.process)]
         return state if any(process.runs() for process in processes) else None
 
+    def use_keys(self, folder: Path | None) -> None:
+        """Let this user's tools find the keys of the stack; None: it has none."""
+        (self.path / KEYS).unlink(missing_ok=True)
+        if folder is not None:
+            (self.path / KEYS).symlink_to(folder)
+
     def forget(self) -> None:
         """The stack has ended."""
         (self.path / _STATE).unlink(missing_ok=True)
+        self.use_keys(None)
 
 
 def running_stacks() -> Iterator[StackState]:
@@ -153,11 +160,7 @@ def _stacks() -> Path:
 
     Raises ConfigError where it belongs to another user.
     """
-    runtime = os.environ.get("XDG_RUNTIME_DIR")
-    if runtime and os.access(runtime, os.W_OK):
-        folder = Path(runtime) / "mazebot"
-    else:
-        folder = Path(tempfile.gettempdir()) / f"mazebot-{os.getuid()}"
+    folder = stacks_folder()
     folder.mkdir(mode=0o700, exist_ok=True)
     status = folder.lstat()
     if folder.is_symlink() or status.st_uid != os.getuid() or status.st_mode & 0o022:

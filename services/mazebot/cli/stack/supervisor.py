@@ -32,12 +32,19 @@ SUPERVISOR = "up"
 """The name under which it writes to the log."""
 STOP_S = 5.0
 """After SIGTERM a service has this time to end; then it is killed."""
+_LONGER_S = {"recorder": 60.0}
+"""It has a recording to finish."""
 _TICK_S = 0.1
 _FIRST_WAIT_S, _MAX_WAIT_S = 0.1, 60.0
 """Before a service is started again; doubled each time, until it has run for `_STABLE_S`."""
 _STABLE_S = 10.0
 _PR_SET_PDEATHSIG = 1
 _READ_BYTES = 65536
+
+
+def stop_s(service: str) -> float:
+    """Time that a service has to end."""
+    return _LONGER_S.get(service, STOP_S)
 
 
 class _Service:
@@ -194,18 +201,20 @@ class Supervisor:
         for service in running:
             assert service.process is not None
             service.process.terminate()
-        deadline_s = time.monotonic() + STOP_S
-        while any(one.process is not None for one in running) and time.monotonic() < deadline_s:
+        begun_s = time.monotonic()
+        while any(one.process is not None for one in running):
             self._read(_TICK_S)
             self._look()
-        for service in running:
-            if service.process is not None:
+            for service in running:
+                limit_s = stop_s(service.plan.name)
+                if service.process is None or time.monotonic() - begun_s < limit_s:
+                    continue
                 self._log.put(
-                    SUPERVISOR, f"{service.plan.name} has not ended within {STOP_S:g} s: killed"
+                    SUPERVISOR, f"{service.plan.name} has not ended within {limit_s:g} s: killed"
                 )
                 service.process.kill()
                 service.process.wait()
-        self._look()
+                self._look()
 
 
 def _end_with_parent() -> None:

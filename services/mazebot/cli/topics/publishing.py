@@ -11,6 +11,7 @@ import numpy as np
 import yaml
 from rosbags.interfaces import Nodetype
 
+from mazebot.cli.parsing.patience import wait_quietly
 from mazebot.cli.sim import stats_now
 from mazebot.cli.topics.topic import named_topic
 from mazebot.common.client.over_zenoh import ZenohRobot
@@ -61,6 +62,7 @@ def publish_messages(
             sent += 1
             sys.stdout.write(f"published {sent} on {topic.name}\n")
             sys.stdout.flush()
+            wait_quietly()
 
 
 def parsed(topic: Topic[object], text: str) -> object:

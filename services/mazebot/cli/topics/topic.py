@@ -16,6 +16,7 @@ import numpy as np
 import yaml
 
 from mazebot.cli.parsing.options import print_json
+from mazebot.cli.parsing.patience import wait_quietly
 from mazebot.cli.sim import paused
 from mazebot.common.client.over_zenoh import ZenohRobot
 from mazebot.common.client.robot import Robot
@@ -48,13 +49,13 @@ def print_topic(endpoint: str, name: str, as_json: bool) -> None:
     """Print a topic's row of the table, and which of its services are running."""
     topic = named_topic(name)
     with ZenohRobot(endpoint) as robot:
-        services = robot.alive()
+        services, key = robot.alive(), robot.keys.of_topic(topic)
     info = {
         "name": topic.name,
         "type": wire.type_name(topic),
         "document": topic.type.__name__ if issubclass(topic.type, Document) else None,
         "about": topic.about,
-        "key": wire.key_from_topic(topic),
+        "key": key,
         "delivery": topic.delivery.value,
         "depth": topic.depth,
         "rate_hz": topic.rate_hz,
@@ -146,6 +147,7 @@ def _print_next(messages: Subscription, as_json: bool) -> bool:
     else:
         sys.stdout.write(f"{yaml.safe_dump(plain(received[1]), sort_keys=False)}---\n")
     sys.stdout.flush()
+    wait_quietly()
     return True
 
 

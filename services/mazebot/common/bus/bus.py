@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import threading
 import uuid
 from collections import deque
@@ -13,11 +14,22 @@ from typing import Any, TypeVar, cast
 import zenoh
 
 from mazebot.common.bus.attachment import pack_attachment
-from mazebot.common.bus.liveliness import alive, alive_key, watch_sources
+from mazebot.common.bus.liveliness import (
+    GraphNode,
+    alive,
+    alive_key,
+    graph_name,
+    watch_publishers,
+    watch_sources,
+)
 from mazebot.common.bus.publisher import publish
+from mazebot.common.bus.ros.action_server import OBSERVED, ActionServer
+from mazebot.common.bus.ros.service_server import ServiceServer
 from mazebot.common.bus.session import BusUnavailableError, now_of
 from mazebot.common.bus.subscriber import subscribe
 from mazebot.common.messages import wire
+from mazebot.common.messages.action_documents import ActionFeedback, ActionResult
+from mazebot.common.messages.keys import DEFAULT_KEYS, Endpoint, Keys
 from mazebot.common.messages.topics import (
     BY_NAME,
     SERVICES,
@@ -25,12 +37,18 @@ from mazebot.common.messages.topics import (
     Query,
     Topic,
     asked_of,
+    kept_by,
     owned_by,
     read_by,
 )
 from mazebot.common.node.node import Envelope, Inbox, Node, Outbox
+from mazebot.common.ros.actions import actions_of
+from mazebot.common.ros.table import services_of
 
 M = TypeVar("M")
+
+_MAX_SEQUENCES = 4096
+"""Publishers of latched topics that are remembered, the most recent ones."""
 
 
 class Bus:
@@ -41,7 +59,7 @@ class Bus:
         session: zenoh.Session,
         node: Node,
         inbox: Inbox,
-        prefix: str = "",
+        keys: Keys = DEFAULT_KEYS,
         lossless: bool = False,
         subscribes: bool = True,
     ) -> None:
@@ -49,8 +67,11 @@ class Bus:
         Without `subscribes` the inbox gets its messages elsewhere, and from here only queries.
         """
         self._inbox = inbox
-        self._topics = read_by(node.name) if subscribes else ()
-        self._prefix = prefix
+        # A run in lockstep ends with the first service that is lost: nothing is kept for it.
+        kept = () if lossless else kept_by(node.name)
+        self._topics = (*read_by(node.name), *kept) if subscribes else ()
+        self._keys = keys
+        self._misfits: set[tuple[str, str]] = set()
         self._lossless = lossless
         self._lock = threading.RLock()
         self._extras: list[Callable[[zenoh.Session], Any]] = []
@@ -58,41 +79,60 @@ class Bus:
         self._closed = False
         self.node_name = node.name
         self.source = uuid.uuid4().hex
-        self._alive_key = alive_key(node.name, self.source, prefix)
+        self._alive_key = alive_key(node.name, self.source, keys)
         self._latched: dict[str, deque[tuple[bytes, bytes]]] = {
             topic.name: deque(maxlen=topic.depth)
             for topic in owned_by(node.name)
             if topic.delivery is Delivery.LATCHED
         }
+        self._outbox: Outbox | None = None
         self._last_sequence: dict[tuple[str, str], int] = {}
         self._node = node
         self._opened_at = now_of(session)
+        # On the plain wire they have the keys of queries.
+        self._actions = [
+            ActionServer(action, node, inbox, keys, self._now_ns)
+            for action in (actions_of(node.name) if keys.is_ros else ())
+        ]
         self._declare(session)
 
     def _declare(self, session: zenoh.Session) -> None:
         self._session = session
+        self.graph = GraphNode(session, graph_name(self.node_name), self._keys)
+        """Its place in ROS 2's graph, on the current session."""
         self._subscribers = [
             subscribe(
                 session,
                 topic,
                 self._receiver(topic, session),
-                self._prefix,
+                self._keys,
                 self._rejecter(topic),
                 self._receives_from,
+                self.graph,
             )
             for topic in self._topics
         ]
         self._publishers: dict[str, Any] = {
-            topic.name: publish(session, topic, self._prefix, self._lossless)
+            topic.name: publish(session, topic, self._keys, self._lossless, self.graph)
             for topic in owned_by(self.node_name)
         }
         self._queryables = [
             session.declare_queryable(
-                wire.key_from_topic(query, self._prefix),
+                self._keys.of_query(query),
                 cast("Any", zenoh.handlers.Callback(self._asker(query), indirect=False)),
             )
             for query in asked_of(self.node_name)
         ]
+        # On the plain wire a service has the key of the query of its name.
+        self._services = (
+            ServiceServer(
+                session, self._node, self._inbox, self._keys, self.graph,
+                services_of(self.node_name),
+            )
+            if self._keys.is_ros
+            else None
+        )  # fmt: skip
+        self._action_parts = [each.declare(session, self.graph) for each in self._actions]
         self._kept = [declare(session) for declare in self._extras]
         self._token: zenoh.LivelinessToken | None = None
 
@@ -107,16 +147,38 @@ class Bus:
             self._kept.append(declare(self._session))
 
     def watch_sources(self) -> None:
-        """Keep the inbox informed of which message sources leave, and which are back."""
+        """Keep the inbox informed of which message sources leave, and which are back: services, and
+        publishers in ROS 2's graph.
+        """
 
         def declare(session: zenoh.Session) -> Any:
             def on_change(source: str, is_there: bool) -> None:
                 if session is self._session:
                     (self._inbox.come_back if is_there else self._inbox.leave)(source)
 
-            return watch_sources(session, on_change, self._prefix)
+            def on_publisher(endpoint: Endpoint, is_there: bool) -> None:
+                on_change(endpoint.gid, is_there)
+                if is_there:
+                    self._warn_of_misfit(endpoint)
+
+            watched = [watch_sources(session, on_change, self._keys)]
+            if self._keys.is_ros:
+                watched.append(watch_publishers(session, on_publisher, self._keys))
+            return watched
 
         self.keep(declare)
+
+    def _warn_of_misfit(self, endpoint: Endpoint) -> None:
+        """Log once that a publisher has another type than the topic that this node reads."""
+        topic = self._keys.topic_with(endpoint)
+        if topic is None or topic not in self._topics:
+            return
+        misfit = endpoint.misfit(topic)
+        if misfit and (endpoint.node, misfit) not in self._misfits:
+            self._misfits.add((endpoint.node, misfit))
+            logging.getLogger(self.node_name).warning(
+                "%s of %s is not received: %s", topic.name, endpoint.node, misfit
+            )
 
     def announce(self) -> None:
         """Declare the liveliness token: this node now accepts messages."""
@@ -141,7 +203,7 @@ class Bus:
                 if self._announced:
                     self.announce()
             except zenoh.ZError as error:
-                raise BusUnavailableError("lost the router again") from error
+                raise BusUnavailableError(f"lost the router again: {error}") from error
 
     def send(self, topic: Topic[object], message: object, envelope: Envelope) -> None:
         """Publish a message."""
@@ -150,10 +212,19 @@ class Bus:
             if topic.name in self._latched:
                 self._latched[topic.name].append((payload, attachment))
             self._publishers[topic.name].put(payload, attachment=attachment)
+            if self._actions and topic.name in OBSERVED:
+                told = cast("ActionFeedback | ActionResult", message)
+                for action in self._actions:
+                    action.observe(told)
 
     def outbox(self, node: Node) -> Outbox:
         """The node's outbox on this bus."""
-        return Outbox(node, self.send, self.source)
+        self._outbox = Outbox(node, self.send, self.source)
+        return self._outbox
+
+    def _now_ns(self) -> int:
+        """The simulation's time as of the node's latest step."""
+        return 0 if self._outbox is None else self._outbox.now_ns
 
     def matched(self, among: Container[str]) -> bool:
         """Whether each publisher with a reader `among` these services matches a reader. Advanced
@@ -177,13 +248,16 @@ class Bus:
         return bool(cast("Any", publisher.matching_status).matching)
 
     def is_mute(self) -> bool:
-        """Whether a publisher matches no reader although one is alive: then its messages are lost.
-        This queries the router, and may block until it replies.
+        """Whether a publisher matches no reader although one is alive, or no router is there: then
+        its messages are lost. This queries the router, and may block until it replies.
         """
         try:
+            # A session that its router refuses may go on believing that it has readers.
+            if not list(cast("Any", self._session.info).routers_zid()):
+                return not self._closed
             if self.matched(SERVICES):
                 return False
-            return not self.matched(alive(self._session, self._prefix).keys() - {self.node_name})
+            return not self.matched(alive(self._session, self._keys).keys() - {self.node_name})
         except zenoh.ZError:
             # The session has ended, by `close` or on error.
             return not self._closed
@@ -207,7 +281,10 @@ class Bus:
         key = topic.name, envelope.source
         repeated = envelope.sequence <= self._last_sequence.get(key, -1)
         if not repeated:
+            self._last_sequence.pop(key, None)
             self._last_sequence[key] = envelope.sequence
+            while len(self._last_sequence) > _MAX_SEQUENCES:
+                del self._last_sequence[next(iter(self._last_sequence))]
         return repeated
 
     def _rejecter(self, topic: Topic[M]) -> Callable[[str], None]:
@@ -239,6 +316,7 @@ class Bus:
             if self._token is not None:
                 self._token.undeclare()  # type: ignore[no-untyped-call]
                 self._token = None
+            self.graph.close()
 
     def close(self) -> None:
         """Withdraw the token, then close the session with all its declarations."""

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+from typing import Literal
+
 from pydantic import Field, field_validator
 
 from mazebot.common.config import ServiceConfig
+from mazebot.common.messages.keys import Keys
 from mazebot.common.speeds import MAX_SPEED, MIN_SPEED
 
 PACES = {"real_time": 1.0, "fast": 0.0, "lockstep": 0.0}
@@ -15,7 +20,32 @@ class BusConfig(ServiceConfig):
     """The connection to the other services."""
 
     connect: str = Field("tcp/127.0.0.1:7447", description="Zenoh endpoint of the router")
-    prefix: str = Field("", description="prefix of every key, to run several stacks on one router")
+    key_file: Path | None = Field(
+        None,
+        description="key with which this process signs in at the router, made by `mazebot keys`; "
+        "without one, tools use the operator's key of the stack of this user on that port, if it "
+        "has keys",
+    )
+    wire: Literal["rmw_zenoh", "plain"] = Field(
+        "rmw_zenoh",
+        description="rmw_zenoh: nodes and tools of ROS 2 (Jazzy and newer) that use rmw_zenoh see "
+        "all topics; plain: keys are the names alone, as zenoh-bridge-ros2dds has them",
+    )
+    domain_id: int = Field(
+        0,
+        ge=0,
+        le=232,
+        description="ROS domain of the rmw_zenoh wire; without it ROS_DOMAIN_ID holds",
+    )
+    distro: Literal["jazzy", "kilted", "lyrical"] = Field(
+        "jazzy",
+        description="distribution of ROS 2 whose services and actions are spoken: their types "
+        "differ; those of topics do not",
+    )
+    prefix: str = Field(
+        "",
+        description="namespace of every topic, such as bot1, to run several stacks on one router",
+    )
     pace: str = Field(
         "real_time",
         description="real_time; simulated seconds a second, as 0.5; fast: as fast as possible; "
@@ -24,6 +54,16 @@ class BusConfig(ServiceConfig):
     lockstep_timeout_s: float = Field(
         10.0, gt=0.0, le=15.0, description="wall time within which a service must end its turn"
     )
+
+    @field_validator("prefix")
+    @classmethod
+    def _is_a_namespace(cls, prefix: str) -> str:
+        names = [name for name in prefix.split("/") if name]
+        if not all(re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) for name in names):
+            raise ValueError(
+                "must be a ROS namespace: letters, digits and _, such as bot1 or lab/bot1"
+            )
+        return "".join(f"{name}/" for name in names)
 
     @field_validator("pace")
     @classmethod
@@ -39,6 +79,11 @@ class BusConfig(ServiceConfig):
                 f"must be {', '.join(PACES)}, or a factor from {MIN_SPEED:g} to {MAX_SPEED:g}"
             )
         return pace
+
+    @property
+    def keys(self) -> Keys:
+        """The keys of the stack."""
+        return Keys(self.wire, self.domain_id, self.prefix, self.distro)
 
     @property
     def lockstep(self) -> bool:

@@ -5,18 +5,24 @@ from __future__ import annotations
 import contextlib
 import json
 import struct
+import threading
 from typing import Any, cast
 
 import zenoh
 
 from mazebot.common.bus.attachment import pack_attachment, unpack_attachment
 from mazebot.common.bus.bus import Bus
+from mazebot.common.messages.keys import DEFAULT_KEYS, Keys
 from mazebot.common.messages.topics import BY_NAME, Topic
 from mazebot.common.node.held import HeldMessage, is_alone, newest, wanted_by
 from mazebot.common.node.node import Envelope, Inbox
 
 HELD_PREFIX = "mazebot/held/"
-TIMEOUT_S = 2.0
+TIMEOUT_S = 5.0
+GRACE_S = 0.5
+"""For those who have not replied yet, once somebody has replied with all that is the service's own:
+one that hangs must not keep it from going on.
+"""
 
 # Receive time, and the length of the topic's name, which follows.
 _HEAD = struct.Struct("<qH")
@@ -25,11 +31,12 @@ _HEAD = struct.Struct("<qH")
 class Handover:
     """One service's part: it gives kept messages to others, and requests those that it lacks."""
 
-    def __init__(self, bus: Bus, inbox: Inbox, prefix: str = "") -> None:
+    def __init__(self, bus: Bus, inbox: Inbox, keys: Keys = DEFAULT_KEYS) -> None:
         self._inbox = inbox
         self._wanted = wanted_by(bus.node_name)
-        self._everyone = f"{prefix}{HELD_PREFIX}*/*"
-        self._key = f"{prefix}{HELD_PREFIX}{bus.node_name}/{bus.source}"
+        self._own = {topic.name for topic in self._wanted if bus.node_name in topic.owners}
+        self._everyone = keys.own(f"{HELD_PREFIX}*/*")
+        self._key = keys.own(f"{HELD_PREFIX}{bus.node_name}/{bus.source}")
         self._session: zenoh.Session | None = None
         bus.keep(self._declare)
 
@@ -45,18 +52,33 @@ class Handover:
         """
         names = [topic.name for topic in self._wanted if not self._is_complete(topic)]
         if not names or self._session is None:
+            self._inbox.hand_over()
             return
         held: list[HeldMessage[Envelope]] = []
+        done = threading.Lock()
+
+        def finish() -> None:
+            if done.acquire(blocking=False):
+                for message in newest(list(held)):
+                    self._take(message, of_the_living)
+                self._inbox.hand_over()
+
+        grace = threading.Timer(GRACE_S, finish)
+        grace.daemon = True
 
         def on_reply(reply: zenoh.Reply) -> None:
             if reply.ok is not None and reply.ok.attachment is not None:
                 with contextlib.suppress(ValueError):
                     data = reply.ok.payload.to_bytes()
                     held.append(_unpack(data, reply.ok.attachment.to_bytes()))
+                    if self._own and self._own <= {message.topic.name for message in held}:
+                        with contextlib.suppress(RuntimeError):
+                            # It runs once.
+                            grace.start()
 
         def on_end() -> None:
-            for message in newest(held):
-                self._take(message, of_the_living)
+            grace.cancel()
+            finish()
 
         with contextlib.suppress(zenoh.ZError):
             self._session.get(

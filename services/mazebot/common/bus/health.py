@@ -1,7 +1,7 @@
 """Health check of a service by its liveliness token:
 `python -m mazebot.common.bus.health physics`.
 
-Docker runs it in every container every few seconds, so it imports nothing but Zenoh.
+Docker runs it in every container every few seconds, so it imports little but Zenoh.
 """
 
 from __future__ import annotations
@@ -10,42 +10,71 @@ import json
 import os
 import sys
 import threading
+from pathlib import Path
 
 import zenoh
+
+from mazebot.common.files.key_file import Key, KeyFileError, read_key, sign_in
+from mazebot.common.messages.own_keys import RMW_ZENOH, own_root
 
 ALIVE_KEY = "mazebot/alive/"
 """Prefix of a service's name; the same as in `bus.py`, which is slow to load."""
 PATIENCE_S = 2.5
 
 
-def open_client(endpoint: str) -> zenoh.Session:
-    """A client session. Raises ZError where no router accepts connections at the endpoint."""
+def open_client(endpoint: str, key: Key | None = None) -> zenoh.Session:
+    """A client session, signed in with a key. Raises ZError where no router accepts it at the
+    endpoint.
+    """
     settings = zenoh.Config()
-    options = {
+    options: dict[str, object] = {
         "mode": "client",
         "connect/endpoints": [endpoint],
         "connect/timeout_ms": 1000,
         "connect/exit_on_failure": True,
         "scouting/multicast/enabled": False,
     }
-    for key, value in options.items():
-        settings.insert_json5(key, json.dumps(value))
+    if key:
+        options |= sign_in(key)
+    for name, value in options.items():
+        settings.insert_json5(name, json.dumps(value))
     return zenoh.open(settings)
 
 
-def token_stands(session: zenoh.Session, service: str, prefix: str = "") -> bool:
-    """Whether the router knows the service's token."""
-    replies = session.liveliness().get(f"{prefix}{ALIVE_KEY}{service}/*", timeout=1.0)
+def key_of_environment() -> Key | None:
+    """The key that the environment names. Raises KeyFileError."""
+    path = os.environ.get("MAZEBOT_BUS_KEY_FILE")
+    return read_key(Path(path)) if path else None
+
+
+def root_of_environment() -> str:
+    """The beginning of the stack's own keys, by the environment."""
+    domain = os.environ.get("MAZEBOT_BUS_DOMAIN_ID") or os.environ.get("ROS_DOMAIN_ID") or "0"
+    names = [name for name in os.environ.get("MAZEBOT_BUS_PREFIX", "").split("/") if name]
+    return own_root(
+        os.environ.get("MAZEBOT_BUS_WIRE") or RMW_ZENOH,
+        int(domain) if domain.isdecimal() else 0,
+        "".join(f"{name}/" for name in names),
+    )
+
+
+def token_stands(
+    session: zenoh.Session, service: str, root: str = own_root(RMW_ZENOH, 0, "")
+) -> bool:
+    """Whether the router knows the service's token; the stack's own keys begin with `root`."""
+    replies = session.liveliness().get(f"{root}{ALIVE_KEY}{service}/*", timeout=1.0)
     return any(reply.ok is not None for reply in replies)
 
 
-def is_alive(endpoint: str, service: str, prefix: str = "") -> bool:
-    """Whether a router responds at `endpoint` and knows the service's token."""
+def is_alive(endpoint: str, service: str, root: str = own_root(RMW_ZENOH, 0, "")) -> bool:
+    """Whether a router responds at `endpoint` and knows the service's token. It is asked with the
+    key that the environment names.
+    """
     try:
-        session = open_client(endpoint)
-    except zenoh.ZError:
+        session = open_client(endpoint, key_of_environment())
+    except (zenoh.ZError, KeyFileError):
         return False
-    return token_stands(session, service, prefix)
+    return token_stands(session, service, root)
 
 
 def main(arguments: list[str]) -> None:
@@ -58,7 +87,7 @@ def main(arguments: list[str]) -> None:
     watchdog.daemon = True
     watchdog.start()
     endpoint = os.environ.get("MAZEBOT_BUS_CONNECT") or "tcp/127.0.0.1:7447"
-    alive = is_alive(endpoint, arguments[0], os.environ.get("MAZEBOT_BUS_PREFIX", ""))
+    alive = is_alive(endpoint, arguments[0], root_of_environment())
     # The kernel closes everything that is left.
     os._exit(0 if alive else 1)
 

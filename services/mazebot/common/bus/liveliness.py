@@ -1,19 +1,35 @@
-"""Which services are alive, by their liveliness tokens."""
+"""Liveliness tokens: of services that are alive, and of nodes in ROS 2's graph."""
 
 from __future__ import annotations
 
+import itertools
 from collections import defaultdict
 from collections.abc import Callable, Mapping
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 import zenoh
 
+from mazebot.common.messages.keys import (
+    DEFAULT_KEYS,
+    PUBLISHER,
+    SUBSCRIBER,
+    Endpoint,
+    Keys,
+    Kind,
+    gid_of,
+)
+from mazebot.common.messages.topics import EDGE, Topic
+
+M = TypeVar("M")
+
 ALIVE_PREFIX = "mazebot/alive/"
+_NUMBERS = itertools.count()
+"""Of nodes and endpoints: unique in each session, because they are in this process."""
 
 
-def alive_key(service: str, source: str, prefix: str = "") -> str:
+def alive_key(service: str, source: str, keys: Keys = DEFAULT_KEYS) -> str:
     """The key of a service's liveliness token, which names the service and its message source."""
-    return f"{prefix}{ALIVE_PREFIX}{service}/{source}"
+    return keys.own(f"{ALIVE_PREFIX}{service}/{source}")
 
 
 def service_and_source(key: object) -> tuple[str, str]:
@@ -38,13 +54,13 @@ def watch_tokens(
 
 
 def alive(
-    session: zenoh.Session, prefix: str = "", timeout_s: float = 1.0
+    session: zenoh.Session, keys: Keys = DEFAULT_KEYS, timeout_s: float = 1.0
 ) -> Mapping[str, frozenset[str]]:
     """The services with a liveliness token, the router among them, each with the message sources
     of its processes.
     """
     found: dict[str, set[str]] = defaultdict(set)
-    for reply in session.liveliness().get(alive_key("*", "*", prefix), timeout=timeout_s):
+    for reply in session.liveliness().get(alive_key("*", "*", keys), timeout=timeout_s):
         if reply.ok is not None:
             service, source = service_and_source(reply.ok.key_expr)
             found[service].add(source)
@@ -52,13 +68,102 @@ def alive(
 
 
 def watch_sources(
-    session: zenoh.Session, on_change: Callable[[str, bool], None], prefix: str = ""
+    session: zenoh.Session, on_change: Callable[[str, bool], None], keys: Keys = DEFAULT_KEYS
 ) -> Any:
     """Call `on_change` with the source of each service and whether it is present: now, and on every
     change. Keep a reference to the returned object. It runs on Zenoh's thread: it must only store.
     """
     return watch_tokens(
         session,
-        alive_key("*", "*", prefix),
+        alive_key("*", "*", keys),
         lambda _, source, is_there: on_change(source, is_there),
+    )
+
+
+def graph_name(service: str) -> str:
+    """The name of a service's node. That of the user's tools is hidden, as with ROS 2's own."""
+    return f"_mazebot_{service}" if service == EDGE else service
+
+
+class GraphNode:
+    """A node and its publishers and subscribers in ROS 2's graph; on the plain wire there is none.
+
+    A ROS publisher of Lyrical or newer sends images to a subscriber only if it finds its token.
+    """
+
+    def __init__(self, session: zenoh.Session, name: str, keys: Keys = DEFAULT_KEYS) -> None:
+        """Declare its token."""
+        self._session, self._name, self._keys = session, name, keys
+        self._number = next(_NUMBERS)
+        self._tokens: set[zenoh.LivelinessToken] = set()
+        if keys.is_ros:
+            self._declare(keys.node_token(str(session.zid()), self._number, name))
+
+    def publishes(self, topic: Topic[M]) -> Callable[[], None]:
+        """Declare the token of a publisher; the returned function withdraws it."""
+        return self._endpoint(PUBLISHER, topic, None)
+
+    def subscribes(self, topic: Topic[M], type_name: str | None = None) -> Callable[[], None]:
+        """Declare the token of a subscriber of a topic, or of another type that the topic takes;
+        the returned function withdraws it.
+        """
+        return self._endpoint(SUBSCRIBER, topic, type_name)
+
+    def _endpoint(self, kind: Kind, topic: Topic[M], type_name: str | None) -> Callable[[], None]:
+        if not self._keys.is_ros:
+            return lambda: None
+        session, number = str(self._session.zid()), next(_NUMBERS)
+        return self._declare(
+            self._keys.endpoint_token(
+                session, self._number, number, self._name, kind, topic, type_name
+            )
+        )
+
+    def has(self, kind: Kind, name: str, type_name: str, type_hash: str, qos: str) -> str:
+        """Declare the token of an endpoint that is in no table of topics: a service, a topic of an
+        action; returns its identity in hexadecimal digits.
+        """
+        session, number = str(self._session.zid()), next(_NUMBERS)
+        token = self._keys.typed_token(
+            session, self._number, number, self._name, kind, name, type_name, type_hash, qos
+        )
+        self._declare(token)
+        return gid_of(token)
+
+    def _declare(self, key: str) -> Callable[[], None]:
+        token = self._session.liveliness().declare_token(key)
+        self._tokens.add(token)
+
+        def withdraw() -> None:
+            if token in self._tokens:
+                self._tokens.discard(token)
+                token.undeclare()  # type: ignore[no-untyped-call]
+
+        return withdraw
+
+    def close(self) -> None:
+        """Withdraw the node with all that it has."""
+        while self._tokens:
+            self._tokens.pop().undeclare()  # type: ignore[no-untyped-call]
+
+
+def watch_publishers(
+    session: zenoh.Session,
+    on_change: Callable[[Endpoint, bool], None],
+    keys: Keys = DEFAULT_KEYS,
+) -> Any:
+    """Call `on_change` with each publisher in ROS 2's graph, and whether it is present: now, and on
+    every change. Keep a reference to the returned object. It runs on Zenoh's thread: it must only
+    store.
+    """
+
+    def on_token(sample: zenoh.Sample) -> None:
+        endpoint = keys.endpoint(str(sample.key_expr))
+        if endpoint is not None:
+            on_change(endpoint, sample.kind == zenoh.SampleKind.PUT)
+
+    return session.liveliness().declare_subscriber(
+        keys.publisher_tokens,
+        cast("Any", zenoh.handlers.Callback(on_token, indirect=False)),
+        history=True,
     )

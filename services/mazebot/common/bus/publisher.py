@@ -6,8 +6,10 @@ from typing import Any, TypeVar
 
 import zenoh
 
+from mazebot.common.bus.liveliness import GraphNode
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages import wire
+from mazebot.common.messages.keys import DEFAULT_KEYS, Keys
 from mazebot.common.messages.topics import CLOCK, CMD_VEL, Delivery, Topic
 
 M = TypeVar("M")
@@ -21,15 +23,22 @@ HEARTBEAT_S = 1.0
 
 
 def publish(
-    session: zenoh.Session, topic: Topic[M], prefix: str = "", lossless: bool = False
+    session: zenoh.Session,
+    topic: Topic[M],
+    keys: Keys = DEFAULT_KEYS,
+    lossless: bool = False,
+    graph: GraphNode | None = None,
 ) -> Any:
-    """Declare a publisher with the topic's delivery, or one that never drops (`lossless`).
+    """Declare a publisher with the topic's delivery, or one that never drops (`lossless`); with
+    `graph`, as one of that node.
 
     Reliable messages block until the router has them. The router itself drops messages for slow
     readers; they are sent again as far as they are cached here. Lossless messages block in the
     router, too; services/mazebot/router/router.json5 recognises them by their priority.
     """
-    key = wire.key_from_topic(topic, prefix)
+    key = keys.of_topic(topic)
+    if graph is not None:
+        graph.publishes(topic)
     encoding = zenoh.Encoding.APPLICATION_CDR.with_schema(wire.type_name(topic))
     latest, latched = (topic.delivery is kind for kind in (Delivery.LATEST, Delivery.LATCHED))
     control = zenoh.CongestionControl

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
 import zenoh
 
 from mazebot.common.messages import wire
 from mazebot.common.messages.documents import Document
+from mazebot.common.messages.keys import DEFAULT_KEYS, Keys
 from mazebot.common.messages.topics import Query
 
 A = TypeVar("A")
@@ -19,21 +21,27 @@ class QueryError(ConnectionError):
     """A query without a reply, or a rejected one; the text is one line."""
 
 
+def _nothing() -> None:
+    pass
+
+
 def ask(
     session: zenoh.Session,
     query: Query[Q, A],
     message: Q,
     timeout_s: float,
-    prefix: str = "",
+    keys: Keys = DEFAULT_KEYS,
     start_s: float = 5.0,
+    check: Callable[[], None] = _nothing,
 ) -> A:
     """Send a query to a running stack, and wait for the reply.
 
     A service that is starting is waited for, up to `start_s`: Zenoh gives an empty reply if no
-    queryable exists, or if it has gone. Raises QueryError on timeout or where the query was
-    rejected.
+    queryable exists, or if it has gone, or does not let the session ask. `check` is called once
+    where that happens, and raises QueryError where it is no use to wait. Raises QueryError on
+    timeout or where the query was rejected.
     """
-    key = wire.key_from_topic(query, prefix)
+    key = keys.of_query(query)
     payload = wire.encode_document(cast("Document", message))
     begin_s = time.monotonic()
     end_s = begin_s + timeout_s
@@ -45,6 +53,8 @@ def ask(
             error_text = reply.err.payload.to_string() if reply.err is not None else ""
             if error_text != "Timeout":
                 raise QueryError(error_text)
+        check()
+        check = _nothing
         if start_s < time.monotonic() - begin_s < timeout_s:
             raise QueryError(f"{query.name}: {query.owner} is not running")
         time.sleep(0.02)

@@ -11,6 +11,7 @@ import zenoh
 
 from mazebot.common.bus.bus import Bus
 from mazebot.common.bus.liveliness import service_and_source, watch_tokens
+from mazebot.common.messages.keys import DEFAULT_KEYS, Keys
 
 SEAT_PREFIX = "mazebot/seat/"
 WAKE_PREFIX = "mazebot/wake/"
@@ -24,12 +25,12 @@ class SeatOnBus:
         session: zenoh.Session,
         bus: Bus,
         on_turn: Callable[[bytes, Callable[[bytes], None]], None],
-        prefix: str = "",
+        keys: Keys = DEFAULT_KEYS,
     ) -> None:
         """`on_turn` gets each turn and a function to reply to it; it runs on Zenoh's thread."""
         self._session = session
-        self._wake_key = f"{prefix}{WAKE_PREFIX}{bus.node_name}/{bus.source}"
-        key = f"{prefix}{SEAT_PREFIX}{bus.node_name}/{bus.source}"
+        self._wake_key = keys.own(f"{WAKE_PREFIX}{bus.node_name}/{bus.source}")
+        key = keys.own(f"{SEAT_PREFIX}{bus.node_name}/{bus.source}")
 
         def on_query(asked: zenoh.Query) -> None:
             def respond(data: bytes) -> None:
@@ -51,7 +52,7 @@ def watch_seats(
     session: zenoh.Session,
     on_seat: Callable[[str, str, bool], None],
     on_wake: Callable[[str, str], None],
-    prefix: str = "",
+    keys: Keys = DEFAULT_KEYS,
 ) -> list[Any]:
     """Call `on_seat` with each seat's service, source and whether it is alive, and `on_wake` on
     each call; keep a reference to the returned list. The callbacks run on Zenoh's thread: they must
@@ -62,9 +63,9 @@ def watch_seats(
         on_wake(*service_and_source(sample.key_expr))
 
     return [
-        watch_tokens(session, f"{prefix}{SEAT_PREFIX}*/*", on_seat),
+        watch_tokens(session, keys.own(f"{SEAT_PREFIX}*/*"), on_seat),
         session.declare_subscriber(
-            f"{prefix}{WAKE_PREFIX}*/*",
+            keys.own(f"{WAKE_PREFIX}*/*"),
             cast("Any", zenoh.handlers.Callback(on_call, indirect=False)),
         ),
     ]
@@ -76,7 +77,7 @@ def give_turn(
     source: str,
     turn: bytes,
     timeout_s: float,
-    prefix: str = "",
+    keys: Keys = DEFAULT_KEYS,
     still_wanted: Callable[[], bool] = lambda: True,
 ) -> bytes | None:
     """The end of a service's turn; None on timeout, where nobody has that seat, or as soon as
@@ -91,7 +92,7 @@ def give_turn(
         done.set()
 
     session.get(
-        f"{prefix}{SEAT_PREFIX}{service}/{source}",
+        keys.own(f"{SEAT_PREFIX}{service}/{source}"),
         cast("Any", zenoh.handlers.Callback(on_reply, done.set, indirect=False)),
         payload=turn,
         timeout=timeout_s,

@@ -26,9 +26,10 @@ from mazebot.common.bus.lockstep import (
 )
 from mazebot.common.bus.pace import Pace
 from mazebot.common.bus.seats import SeatOnBus, give_turn, watch_seats
-from mazebot.common.bus.session import BusUnavailableError, open_session
+from mazebot.common.bus.session import BusUnavailableError, key_of, open_session
 from mazebot.common.bus.subscriber import subscribe
 from mazebot.common.config import ConfigError, ServiceConfig, fail
+from mazebot.common.files.key_file import Key
 from mazebot.common.garbage import settled
 from mazebot.common.messages import wire
 from mazebot.common.messages.messages import ns_from_time
@@ -36,6 +37,7 @@ from mazebot.common.messages.topics import CLOCK, DIAGNOSTICS, PARAMETERS
 from mazebot.common.node import log
 from mazebot.common.node.diagnostics import SelfReport
 from mazebot.common.node.node import ClockNode, Envelope, Inbox, Node, Outbox, Trigger
+from mazebot.common.resident import give_back_freed
 from mazebot.common.settings.load import load
 
 if TYPE_CHECKING:
@@ -58,6 +60,8 @@ LOOK_S = 0.25
 """Period at which a service checks that its messages reach the readers that are alive."""
 MUTE_S = 0.5
 """Time without a matching reader after which it reopens its session."""
+LOST_S = 2.0
+"""The same where there was no router either."""
 MAX_MUTE_S = 60.0
 """Maximum of that time, which grows while reopening does not help."""
 ENDING_S = 1.0
@@ -131,6 +135,7 @@ class _Service:
         self._rosout = rosout
         self._stop = stop
         self._log = logging.getLogger(node.name)
+        self._key: Key | None = None
         self._wake = threading.Event()
         self._now_ns = 0
         self._watchdog = Watchdog()
@@ -154,6 +159,7 @@ class _Service:
         while not self._stop.is_set():
             self._turn()
             try:
+                self._key = key_of(self._bus_config)
                 return open_session(self._bus_config)
             except BusUnavailableError as error:
                 self._log_waiting(f"the bus: {error}")
@@ -181,17 +187,20 @@ class _Service:
         self._wake.clear()
 
     def _run_by_the_clock(self, session: zenoh.Session) -> None:
-        prefix = self._bus_config.prefix
+        keys = self._bus_config.keys
         inbox = Inbox(self._node, self._wake.set)
-        bus = Bus(session, self._node, inbox, prefix)
+        bus = Bus(session, self._node, inbox, keys)
         outbox = bus.outbox(self._node)
         self._report = SelfReport(self._node, inbox, outbox)
         self._rosout.outbox = outbox
         bus.watch_sources()
         if not isinstance(self._node, ClockNode):
-            bus.keep(lambda session: subscribe(session, CLOCK, self._on_clock, prefix))
+            bus.keep(
+                lambda session: subscribe(session, CLOCK, self._on_clock, keys, graph=bus.graph)
+            )
         self._begin(bus, outbox)
-        self._handover = Handover(bus, inbox, prefix)
+        inbox.is_handed_over = False
+        self._handover = Handover(bus, inbox, keys)
         self._handover.ask()
         done = threading.Event()
         threading.Thread(
@@ -209,21 +218,36 @@ class _Service:
 
     def _keep_matched(self, bus: Bus, done: threading.Event) -> None:
         """Reopen the session if messages reach no reader: after some reconnects Zenoh believes that
-        a publisher has no reader, and only a new session makes it check again.
+        a publisher has no reader, and only a new session makes it check again; and a router whose
+        network was gone for seconds may refuse a session for ever that it takes for connected
+        (MAX_LINKS). Reopen it as well
+        where it has another key now: Zenoh would go on to sign in with the one from before.
         """
         wait_s, mute_s = MUTE_S, 0.0
         while not done.wait(LOOK_S):
+            with contextlib.suppress(BusUnavailableError):
+                key = key_of(self._bus_config)
+                if key != self._key:
+                    # Until the router knows the key as well, it is refused.
+                    bus.move_to(open_session(self._bus_config))
+                    self._key = key
+                    self._log.info("session reopened: signed in with a new key")
+                    continue
             if not bus.is_mute():
                 wait_s, mute_s = MUTE_S, 0.0
                 continue
             mute_s += LOOK_S
             if mute_s < wait_s:
                 continue
-            with contextlib.suppress(BusUnavailableError):
+            try:
                 bus.move_to(open_session(self._bus_config))
-                self._log.warning("session reopened: no subscriber received the published messages")
-                # If the fault is on the other side, this does not help: retry less often.
-                wait_s, mute_s = min(wait_s * 4.0, MAX_MUTE_S), 0.0
+                self._log.warning("session reopened: what was published reached nobody")
+            except BusUnavailableError:
+                # Without a router Zenoh goes on trying, too.
+                wait_s, mute_s = max(wait_s, LOST_S), 0.0
+                continue
+            # If the fault is on the other side, this does not help: retry less often.
+            wait_s, mute_s = min(wait_s * 4.0, MAX_MUTE_S), 0.0
 
     def _follow_time(self, inbox: Inbox, outbox: Outbox) -> None:
         self._trigger = trigger = Trigger(self._node)
@@ -235,7 +259,7 @@ class _Service:
                 self._node.step(now_ns, inbox, outbox)
                 if self._report is not None:
                     self._report.stepped(now_ns, time.perf_counter() - begun_s)
-            self._housekeeping(outbox)
+            self._housekeeping(inbox, outbox)
 
     def _make_time_pass(self, node: ClockNode, inbox: Inbox, outbox: Outbox) -> None:
         """Step in pace with the wall clock, at the node's speed."""
@@ -261,21 +285,23 @@ class _Service:
                 outbox.now_ns = next_ns
                 node.step(next_ns, inbox, outbox)
                 self._now_ns = node.now_ns
-            self._housekeeping(outbox)
+            self._housekeeping(inbox, outbox)
 
-    def _housekeeping(self, outbox: Outbox) -> None:
+    def _housekeeping(self, inbox: Inbox, outbox: Outbox) -> None:
         self._log_waiting(self._node.waiting_for())
         now_s = time.monotonic()
         if now_s - self._diagnostics_s >= 1.0:
             self._diagnostics_s = now_s
             if self._report is not None:
                 outbox.put(DIAGNOSTICS, self._report.report(self._now_ns, now_s))
+            if inbox.forget_strangers() or inbox.took_large:
+                inbox.took_large = False
+                give_back_freed()
 
     def _run_in_lockstep(self, session: zenoh.Session) -> None:
         """Logs outside of a turn go to the console only: they are not part of the run."""
-        prefix = self._bus_config.prefix
         inbox = HeldInbox(self._node, self._wake.set, self._still_wanted)
-        bus = Bus(session, self._node, inbox, prefix, lossless=True)
+        bus = Bus(session, self._node, inbox, self._bus_config.keys, lossless=True)
         outbox = bus.outbox(self._node)
         self._begin(bus, outbox)
         try:
@@ -295,7 +321,7 @@ class _Service:
             turns.put((turn, respond))
             self._wake.set()
 
-        seat = SeatOnBus(session, bus, on_turn, self._bus_config.prefix)
+        seat = SeatOnBus(session, bus, on_turn, self._bus_config.keys)
         participant = Participant(self._node, inbox, outbox, bus.matched, self._rosout)
         called = False
         while self._working():
@@ -329,7 +355,7 @@ class _Service:
         inbox: HeldInbox,
         outbox: Outbox,
     ) -> None:
-        prefix, timeout_s = self._bus_config.prefix, self._bus_config.lockstep_timeout_s
+        keys, timeout_s = self._bus_config.keys, self._bus_config.lockstep_timeout_s
         notes: queue.SimpleQueue[tuple[str, str, bool | None]] = queue.SimpleQueue()
 
         def note(service: str, source: str, there: bool | None = None) -> None:
@@ -338,7 +364,7 @@ class _Service:
 
         def ask(service: str, source: str, turn: Turn) -> TurnEnd | None:
             data = turn.model_dump_json().encode()
-            end = give_turn(session, service, source, data, timeout_s, prefix, self._still_wanted)
+            end = give_turn(session, service, source, data, timeout_s, keys, self._still_wanted)
             try:
                 return None if end is None else TurnEnd.model_validate_json(end)
             except ValueError:
@@ -347,7 +373,7 @@ class _Service:
         lockstep = Lockstep(
             node, inbox, outbox, bus.source, ask, bus.matched, timeout_s, self._rosout
         )
-        watch = watch_seats(session, note, note, prefix)
+        watch = watch_seats(session, note, note, keys)
         pace = Pace()
         try:
             while self._working():

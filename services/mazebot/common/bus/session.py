@@ -3,30 +3,53 @@
 from __future__ import annotations
 
 import json
+import re
+import socket
 from datetime import datetime
+from pathlib import Path
 from typing import Any, cast
 
 import zenoh
 
 from mazebot.common.bus.config import BusConfig
 from mazebot.common.bus.linger import stop_lingering
+from mazebot.common.files.key_file import Key, KeyFileError, operators_key, read_key, sign_in
 
 WAIT_BEFORE_DROP_US = 10_000
 """As in services/mazebot/router/router.json5."""
 
 
+PATIENCE_S = 5.0
+"""Wall time for which a tool waits for a router that listens: on a busy machine it answers late."""
+
+
 class BusUnavailableError(ConnectionError):
-    """No router responds at the endpoint."""
+    """No router responds at the endpoint, or it refuses this process; the text is one line."""
+
+    def __init__(self, text: str, listens: bool = False) -> None:
+        super().__init__(text)
+        self.listens = listens
+        """Whether somebody listens there."""
+
+
+def join(config: BusConfig) -> zenoh.Session:
+    """Open a client session for a tool, which tries it once. Raises BusUnavailableError."""
+    try:
+        return open_session(config)
+    except BusUnavailableError as error:
+        if not error.listens:
+            raise
+    return open_session(config, PATIENCE_S)
 
 
 def open_session(config: BusConfig, timeout_s: float = 1.0) -> zenoh.Session:
     """Open a client session.
 
     The timeout is finite, to be called in a loop: an endless one inside Zenoh would block signals.
-    Raises BusUnavailableError where no router responds within `timeout_s`.
+    Raises BusUnavailableError where no router responds within `timeout_s`, or it refuses the key.
     """
     settings = zenoh.Config()
-    options = {
+    options: dict[str, object] = {
         "mode": "client",
         "connect/endpoints": [config.connect],
         "connect/timeout_ms": int(timeout_s * 1000),
@@ -45,14 +68,55 @@ def open_session(config: BusConfig, timeout_s: float = 1.0) -> zenoh.Session:
         # Zenoh's default of 1 ms is too short for a busy machine to send its queue.
         "transport/link/tx/queue/congestion_control/drop/wait_before_drop": WAIT_BEFORE_DROP_US,
     }
+    key = key_of(config)
+    if key:
+        options |= sign_in(key)
     try:
-        for key, value in options.items():
-            settings.insert_json5(key, json.dumps(value))
+        for name, value in options.items():
+            settings.insert_json5(name, json.dumps(value))
         session = zenoh.open(settings)
     except zenoh.ZError as error:
-        raise BusUnavailableError(f"no Zenoh router at {config.connect}") from error
+        raise _why_not(config.connect, _key_path(config)) from error
     close_links_at_once(session)
     return session
+
+
+def key_of(config: BusConfig) -> Key | None:
+    """The key with which sessions sign in, if they do. Raises BusUnavailableError where it is no
+    key.
+    """
+    path = _key_path(config)
+    try:
+        return read_key(path) if path else None
+    except KeyFileError as error:
+        raise BusUnavailableError(str(error)) from error
+
+
+def _key_path(config: BusConfig) -> Path | None:
+    return config.key_file or operators_key(config.connect)
+
+
+def _why_not(endpoint: str, key_file: Path | None) -> BusUnavailableError:
+    """Why no session could be opened; Zenoh itself does not tell."""
+    if not _listens(endpoint):
+        return BusUnavailableError(f"no Zenoh router at {endpoint}")
+    why = (
+        "asks for a key: MAZEBOT_BUS_KEY_FILE, see `mazebot keys`"
+        if key_file is None
+        else f"refuses the key {key_file}"
+    )
+    return BusUnavailableError(f"the router at {endpoint} does not answer, or {why}", listens=True)
+
+
+def _listens(endpoint: str) -> bool:
+    found = re.fullmatch(r"tcp/\[?(?P<host>.+?)\]?:(?P<port>\d+)", endpoint)
+    if found is None:
+        return False
+    try:
+        socket.create_connection((found["host"], int(found["port"])), 1.0).close()
+    except OSError:
+        return False
+    return True
 
 
 def close_links_at_once(session: zenoh.Session) -> None:

@@ -10,8 +10,10 @@ from typing import Any, TypeVar, cast
 import zenoh
 
 from mazebot.common.bus.attachment import unpack_attachment
+from mazebot.common.bus.liveliness import GraphNode
 from mazebot.common.bus.session import now_of
 from mazebot.common.messages import wire
+from mazebot.common.messages.keys import DEFAULT_KEYS, Keys, types_of
 from mazebot.common.messages.topics import Delivery, Topic
 from mazebot.common.node.node import Envelope
 
@@ -24,15 +26,29 @@ def _ignore(_: str) -> None:
     pass
 
 
+class Subscription:
+    """A subscriber, with those of the other types that its topic takes, and their tokens."""
+
+    def __init__(self, ends: list[Callable[[], None]]) -> None:
+        self._ends = ends
+
+    def undeclare(self) -> None:
+        """End it."""
+        while self._ends:
+            self._ends.pop()()
+
+
 def subscribe(
     session: zenoh.Session,
     topic: Topic[M],
     receive: Callable[[bytes, Envelope], None],
-    prefix: str = "",
+    keys: Keys = DEFAULT_KEYS,
     reject: Callable[[str], None] = _ignore,
     since: Callable[[], datetime] | None = None,
-) -> Any:
-    """Subscribe with the topic's delivery; keep a reference to the returned object.
+    graph: GraphNode | None = None,
+) -> Subscription:
+    """Subscribe with the topic's delivery; keep a reference to the returned object. With `graph`,
+    as a subscriber of that node.
 
     Messages of EVERY topics that were sent before `since` (None: now) are ignored: a service that
     has just started must not act on an old goal.
@@ -54,10 +70,20 @@ def subscribe(
             except ValueError as error:
                 reject(str(error))
                 return
-        receive(sample.payload.to_bytes(), envelope)
+        payload = sample.payload.to_bytes()
+        receive(wire.of_own_type(topic, payload) if topic.also else payload, envelope)
 
-    key = wire.key_from_topic(topic, prefix)
     handler = cast("Any", zenoh.handlers.Callback(on_sample, indirect=False))
+    ends: list[Callable[[], None]] = []
+    # On the plain wire all types have the same key.
+    for key, type_name in {keys.of_topic(topic, kind): kind for kind in types_of(topic)}.items():
+        ends.append(_declare(session, topic, key, handler).undeclare)
+        if graph is not None:
+            ends.append(graph.subscribes(topic, type_name))
+    return Subscription(ends)
+
+
+def _declare(session: zenoh.Session, topic: Topic[M], key: str, handler: Any) -> Any:
     if topic.delivery is Delivery.LATEST:
         return session.declare_subscriber(key, handler)
     latched = topic.delivery is Delivery.LATCHED
@@ -82,14 +108,14 @@ def subscribed(
     session: zenoh.Session,
     topic: Topic[M],
     receive: Callable[[bytes, Envelope], None],
-    prefix: str = "",
+    keys: Keys = DEFAULT_KEYS,
 ) -> Iterator[None]:
     """Subscribe while the context lasts; see subscribe.
 
     An advanced subscriber that outlives its session can keep the process from ending:
     https://github.com/eclipse-zenoh/zenoh-python/issues/624
     """
-    subscription = subscribe(session, topic, receive, prefix)
+    subscription = subscribe(session, topic, receive, keys)
     try:
         yield
     finally:

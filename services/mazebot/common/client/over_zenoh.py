@@ -5,16 +5,16 @@ from __future__ import annotations
 import threading
 import uuid
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import zenoh
 
 from mazebot.common.bus.attachment import pack_attachment
 from mazebot.common.bus.config import BusConfig
-from mazebot.common.bus.liveliness import alive
+from mazebot.common.bus.liveliness import GraphNode, alive, graph_name
 from mazebot.common.bus.publisher import publish
 from mazebot.common.bus.query import QueryError, ask
-from mazebot.common.bus.session import BusUnavailableError, open_session
+from mazebot.common.bus.session import BusUnavailableError, join, key_of
 from mazebot.common.bus.subscriber import subscribe
 from mazebot.common.client.robot import (
     HOW_TO_START,
@@ -27,8 +27,9 @@ from mazebot.common.client.robot import (
 )
 from mazebot.common.messages import wire
 from mazebot.common.messages.messages import ns_from_time
-from mazebot.common.messages.topics import CLOCK, SERVICES, Query, Topic
+from mazebot.common.messages.topics import CLOCK, EDGE, SERVICES, Query, Topic
 from mazebot.common.node.node import Envelope
+from mazebot.common.settings.load import load
 
 M = TypeVar("M")
 Q = TypeVar("Q")
@@ -42,17 +43,22 @@ class ZenohRobot(Robot):
         """Connect to a stack.
 
         Args:
-            router: its endpoint such as `tcp/127.0.0.1:7447`, or all settings of the bus.
+            router: its endpoint such as `tcp/127.0.0.1:7447`, with which the other settings are
+                those of the environment; or all settings of the bus.
             start_s: wall time for which a query waits for a service that is starting.
 
-        Raises RobotError where no router responds.
+        Raises RobotError where no router responds, ConfigError where a setting is wrong.
         """
-        config = BusConfig(connect=router) if isinstance(router, str) else router
+        config = router
+        if isinstance(config, str):
+            config = load(BusConfig, "bus", [], {"connect": router})
         try:
-            self._session = open_session(config)
+            self._key, self._session = key_of(config), join(config)
         except BusUnavailableError as error:
             raise RobotError(f"{error}; is a stack running? ({HOW_TO_START})") from error
-        self._prefix, self._start_s = config.prefix, start_s
+        self.keys, self._start_s = config.keys, start_s
+        """The keys of the stack."""
+        self._graph = GraphNode(self._session, graph_name(EDGE), self.keys)
         self._source, self._sequence = uuid.uuid4().hex, 0
         self._lock = threading.Lock()
         self._publishers: dict[str, Any] = {}
@@ -62,8 +68,14 @@ class ZenohRobot(Robot):
 
     def ask(self, query: Query[Q, A], message: Q, timeout_s: float) -> A:
         """See Robot."""
+
+        def check() -> None:
+            denial = self._denial("QUERY", query.name, self.keys.of_query(query))
+            if denial:
+                raise QueryError(denial)
+
         try:
-            return ask(self._session, query, message, timeout_s, self._prefix, self._start_s)
+            return ask(self._session, query, message, timeout_s, self.keys, self._start_s, check)
         except (QueryError, wire.WireError) as error:
             raise RobotError(str(error)) from error
         except zenoh.ZError as error:
@@ -78,10 +90,31 @@ class ZenohRobot(Robot):
                 envelope = Envelope(self._source, self._sequence, now_ns, "")
                 self._sequence += 1
                 if topic.name not in self._publishers:
-                    self._publishers[topic.name] = publish(self._session, topic, self._prefix)
+                    self._publishers[topic.name] = self._publisher(topic)
                 self._publishers[topic.name].put(data, attachment=pack_attachment(topic, envelope))
         except zenoh.ZError as error:
             raise RobotError(NO_STACK) from error
+
+    def _publisher(self, topic: Topic[Any]) -> Any:
+        """Raises RobotError where the router lets this process not publish the topic."""
+        publisher = publish(self._session, topic, self.keys, graph=self._graph)
+        # To whom it may not publish, the router tells of no reader. Advanced ones cannot tell.
+        plain = isinstance(publisher, zenoh.Publisher)
+        if not (plain and cast("Any", publisher.matching_status).matching):
+            denial = self._denial("PUT", topic.name, self.keys.of_topic(topic))
+            if denial:
+                raise RobotError(denial)
+        return publisher
+
+    def _denial(self, verb: str, name: str, expression: str) -> str:
+        """Why the router lets this process not do something, or an empty text."""
+        if self._key is None:
+            return ""
+        # They load all tables.
+        from mazebot.common.access.denial import denial  # noqa: PLC0415
+        from mazebot.common.access.grants import Verb  # noqa: PLC0415
+
+        return denial(self._key, Verb[verb], name, expression, self.keys)
 
     def watch(self, topics: Iterable[Topic[Any]], receive: Receive = ignore) -> Callable[[], None]:
         """See Robot."""
@@ -91,7 +124,7 @@ class ZenohRobot(Robot):
                 self._latest[topic.name] = data
                 receive(topic, data, envelope)
 
-            return subscribe(self._session, topic, on_message, self._prefix)
+            return subscribe(self._session, topic, on_message, self.keys, graph=self._graph)
 
         subscriptions = [declare(topic) for topic in topics]
 
@@ -115,7 +148,7 @@ class ZenohRobot(Robot):
 
     def alive(self) -> Mapping[str, frozenset[str]]:
         """See Robot."""
-        found = alive(self._session, self._prefix)
+        found = alive(self._session, self.keys)
         # The router has a token, too.
         return {name: found[name] for name in SERVICES if name in found}
 

@@ -12,6 +12,7 @@ import zenoh
 
 from mazebot.common.bus.bus import Bus
 from mazebot.common.bus.subscriber import subscribe
+from mazebot.common.messages.keys import DEFAULT_KEYS, Keys
 from mazebot.common.messages.topics import EDGE, TOPICS, Delivery, Topic, owned_by
 from mazebot.common.node.edge_client import EdgeClient
 from mazebot.common.node.node import Envelope, Inbox, Node
@@ -45,24 +46,31 @@ class RunOnBus:
     """
 
     def __init__(
-        self, session: zenoh.Session, nodes: Iterable[Node], run: Run, prefix: str = ""
+        self, session: zenoh.Session, nodes: Iterable[Node], run: Run, keys: Keys = DEFAULT_KEYS
     ) -> None:
         """Put a run on the bus; until `close()`."""
         self._run = run
         # Among the messages of a run, the source is the node's name.
         self._buses = {
-            node.name: Bus(session, node, run.inboxes[node.name], prefix, subscribes=False)
+            node.name: Bus(session, node, run.inboxes[node.name], keys, subscribes=False)
             for node in nodes
         }
         user = EdgeClient()
         # What a console in this process publishes.
-        self._buses[EDGE] = Bus(session, user, Inbox(user), prefix, subscribes=False)
+        self._buses[EDGE] = Bus(session, user, Inbox(user), keys, subscribes=False)
         self._own = {bus.source for bus in self._buses.values()}
         self._waiting: queue.SimpleQueue[tuple[Topic[Any], Any, Envelope] | None] = (
             queue.SimpleQueue()
         )
         self._subscriptions = [
-            subscribe(session, topic, self._receiver(topic), prefix, self._rejecter(topic))
+            subscribe(
+                session,
+                topic,
+                self._receiver(topic),
+                keys,
+                self._rejecter(topic),
+                graph=self._reader_of(topic).graph,
+            )
             for topic in owned_by(EDGE)
         ]
         self._publishing = threading.Thread(target=self._publish, name="run_on_bus", daemon=True)
@@ -81,6 +89,12 @@ class RunOnBus:
             subscription.undeclare()
         for bus in self._buses.values():
             bus.withdraw()
+
+    def _reader_of(self, topic: Topic[Any]) -> Bus:
+        """The node that is in ROS 2's graph as the reader of a topic."""
+        return next(
+            (self._buses[name] for name in topic.readers if name in self._buses), self._buses[EDGE]
+        )
 
     def _receiver(self, topic: Topic[Any]) -> Callable[[bytes, Envelope], None]:
         def receive(data: bytes, envelope: Envelope) -> None:

@@ -64,7 +64,7 @@ def _decoded_rgb(data: bytes) -> NDArray[np.uint8]:
         raise ValueError(f"is {other or 'not an image'}, must be a PNG")
     if len(data) > MAX_BYTES:
         raise ValueError(f"has {len(data)} bytes, must have at most {MAX_BYTES}")
-    if not _is_whole(data):
+    if not is_whole(data):
         raise ValueError("is corrupt or truncated, must be a complete PNG")
     width, height = size_px(data)
     if not (0 < width <= MAX_SIDE_PX and 0 < height <= MAX_SIDE_PX):
@@ -78,8 +78,8 @@ def _decoded_rgb(data: bytes) -> NDArray[np.uint8]:
     return np.asarray(picture, np.uint8)
 
 
-def _is_whole(data: bytes) -> bool:
-    """Whether chunks with valid checksums run from IHDR to IEND (PNG specification, section 5)."""
+def is_whole(data: bytes) -> bool:
+    """Whether PNG chunks with valid checksums run from IHDR to IEND (section 5 of its standard)."""
     at, first = len(_SIGNATURE), True
     while at + 12 <= len(data):
         (length,) = struct.unpack_from(">I", data, at)

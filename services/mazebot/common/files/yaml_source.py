@@ -14,14 +14,11 @@ from typing import Any
 
 import yaml
 
+from mazebot.common.files.bounded_yaml import ERRORS, BoundedLoader, error_at
+from mazebot.common.files.limits import MAX_NUMBER_CHARACTERS, MAX_TEXT_BYTES
+from mazebot.common.files.reading import NotReadableError, read_limited
 from mazebot.common.files.yaml_words import line_and_words
 from mazebot.common.problems import Location, Problem, WorldError, shown_value, words
-
-MAX_BYTES = 4 * 1024 * 1024
-MAX_NODES = 300_000
-MAX_DEPTH = 40
-MAX_SCALAR = 6000
-"""Characters of a value: YAML's base-60 numbers take time that grows with the square of it."""
 
 
 @dataclass(frozen=True)
@@ -69,16 +66,11 @@ def read_source(path: Path, shown: str) -> Source:
     Raises WorldError with one problem if it is invalid.
     """
     try:
-        if not path.is_file():
-            # Opening a pipe would block forever.
-            path.stat()
-            raise _problem(shown, "must be a file")
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
+        data = read_limited(path, MAX_TEXT_BYTES)
+    except NotReadableError as error:
+        raise _problem(shown, str(error)) from error
     except OSError as error:
         raise _problem(shown, f"cannot be read: {error.strerror}") from error
-    if len(data) > MAX_BYTES:
-        raise _problem(shown, f"must have at most {MAX_BYTES} bytes")
     root, content = _load(data, shown)
     must = "must be a mapping of fields to values"
     if content is None:
@@ -93,43 +85,31 @@ def parse_value(text: str, shown: str) -> Any:
     return _load(text.encode(errors="replace"), shown)[1]
 
 
-class _Loader(yaml.composer.Composer, yaml.CSafeLoader):
-    """libyaml's scanner under a composer with limits."""
+class _Loader(BoundedLoader):
+    """Of recipes: without aliases and duplicate keys."""
 
-    def __init__(self, text: str) -> None:
-        yaml.CSafeLoader.__init__(self, text)
-        yaml.composer.Composer.__init__(self)
-        self._nodes = self._depth = 0
+    max_string = MAX_NUMBER_CHARACTERS
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        """As the base's; an alias is an error."""
         event: Any = self.peek_event()
         if isinstance(event, yaml.AliasEvent):
-            raise _error("an alias (*name): must be written out", event)
-        if isinstance(event, yaml.ScalarEvent) and len(event.value) > MAX_SCALAR:
-            raise _error(f"must have values of at most {MAX_SCALAR} characters", event)
-        self._nodes += 1
-        self._depth += 1
-        if self._nodes > MAX_NODES:
-            raise _error(f"must contain at most {MAX_NODES} values", event)
-        if self._depth > MAX_DEPTH:
-            raise _error(f"must be at most {MAX_DEPTH} levels deep", event)
-        node = super().compose_node(parent, index)
-        self._depth -= 1
-        return node
+            raise error_at("an alias (*name): must be written out", event)
+        return super().compose_node(parent, index)
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         seen: set[str] = set()
         for key, _ in node.value:
             if isinstance(key, yaml.ScalarNode):
                 if key.value in seen:
-                    raise _error(f"key {key.value!r:.60} is a duplicate", key)
+                    raise error_at(f"key {key.value!r:.60} is a duplicate", key)
                 seen.add(key.value)
         return super().construct_mapping(node, deep)
 
 
 def _construct_tuple(loader: _Loader, node: yaml.Node) -> tuple[Any, ...]:
     if not isinstance(node, yaml.SequenceNode):
-        raise _error("must be a list", node)
+        raise error_at("must be a list", node)
     return tuple(loader.construct_sequence(node, deep=True))
 
 
@@ -151,21 +131,13 @@ def _load(data: bytes, shown: str) -> tuple[yaml.Node | None, Any]:
     except UnicodeDecodeError as error:
         line = data[: error.start].count(b"\n") + 1
         raise _problem(shown, "must be UTF-8", line, "not YAML") from error
-    # PyYAML does not catch errors of the types that it converts to.
-    except (
-        yaml.YAMLError, ValueError, LookupError, ArithmeticError, TypeError, AttributeError,
-        RecursionError,
-    ) as error:  # fmt: skip
+    except ERRORS as error:
         line, reason = line_and_words(error)
         raise _problem(shown, words(reason), line, "not YAML") from error
 
 
 def _problem(shown: str, must: str, line: int = 0, field: str = "", value: str = "") -> WorldError:
     return WorldError([Problem(file=shown, line=line, field=field, value=value, must=must)])
-
-
-def _error(what: str, at: Any) -> yaml.composer.ComposerError:
-    return yaml.composer.ComposerError(None, None, what, at.start_mark)
 
 
 def _is_key(node: yaml.Node, part: str | int) -> bool:

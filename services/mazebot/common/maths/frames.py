@@ -207,14 +207,7 @@ def rotation_from_vector(x_rad: float, y_rad: float, z_rad: float) -> Array:
 
 def rotation_from_quaternion(x: float, y: float, z: float, w: float) -> Array:
     """(3, 3) rotation of a unit quaternion."""
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ],
-        np.float64,
-    )
+    return rigid_matrix(0.0, 0.0, 0.0, x, y, z, w)[:3, :3].copy()
 
 
 def quaternion_from_rotation(rotation: Array) -> tuple[float, float, float, float]:
@@ -257,9 +250,24 @@ class Posed(Protocol):
         """A unit quaternion."""
 
 
+def rigid_matrix(
+    x_m: float, y_m: float, z_m: float, qx: float, qy: float, qz: float, qw: float
+) -> Array:
+    """(4, 4) of a position and a unit quaternion; made at once, as it is made for each message."""
+    return np.array(
+        [
+            [1 - 2 * (qy * qy + qz * qz), 2 * (qx * qy - qz * qw), 2 * (qx * qz + qy * qw), x_m],
+            [2 * (qx * qy + qz * qw), 1 - 2 * (qx * qx + qz * qz), 2 * (qy * qz - qx * qw), y_m],
+            [2 * (qx * qz - qy * qw), 2 * (qy * qz + qx * qw), 1 - 2 * (qx * qx + qy * qy), z_m],
+            [0.0, 0.0, 0.0, 1.0],
+        ],
+        np.float64,
+    )
+
+
 def pose_matrix(posed: Posed) -> Array:
     """(4, 4) parent_from_self."""
-    return transform_matrix(rotation_from_quaternion(*posed.orientation_xyzw), posed.position_m)
+    return rigid_matrix(*posed.position_m, *posed.orientation_xyzw)
 
 
 def position_and_quaternion(
@@ -281,10 +289,15 @@ def se2_from_matrix(a_from_b: Array) -> SE2:
 
 def inverse_matrix(a_from_b: Array) -> Array:
     """`b_from_a` of a rigid (4, 4) matrix."""
-    b_from_a = np.eye(4)
-    b_from_a[:3, :3] = a_from_b[:3, :3].T
-    b_from_a[:3, 3] = portable.product(-a_from_b[:3, :3].T, a_from_b[:3, 3])
-    return b_from_a
+    (xx, xy, xz, x), (yx, yy, yz, y), (zx, zy, zz, z), _ = a_from_b.tolist()
+    return np.array(
+        [
+            [xx, yx, zx, 0.0 - xx * x - yx * y - zx * z],
+            [xy, yy, zy, 0.0 - xy * x - yy * y - zy * z],
+            [xz, yz, zz, 0.0 - xz * x - yz * y - zz * z],
+            [0.0, 0.0, 0.0, 1.0],
+        ]
+    )
 
 
 # An optical frame (x right, y down, z forward) in its camera link (x forward, z up): REP 103.

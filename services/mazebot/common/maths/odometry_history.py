@@ -40,6 +40,11 @@ class OdometryHistory:
         """Keep only the last sample: what was measured before is from another pose."""
         self._samples = deque([self._samples[-1]], maxlen=_SAMPLES)
 
+    def correct(self, odom_from_base: SE2) -> None:
+        """Give the last sample another pose, and forget those before it, which were wrong."""
+        self._samples[-1] = (self._samples[-1][0], odom_from_base)
+        self.forget()
+
     def at(self, stamp_ns: int) -> SE2 | None:
         """The pose at a time, interpolated or shortly extrapolated; None outside."""
         samples = self._samples

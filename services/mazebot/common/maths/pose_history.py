@@ -10,8 +10,7 @@ from mazebot.common.maths import portable
 from mazebot.common.maths.frames import (
     Array,
     quaternion_from_rotation,
-    rotation_from_quaternion,
-    transform_matrix,
+    rigid_matrix,
 )
 
 _NEW_RUN_NS = 1_000_000_000
@@ -79,5 +78,4 @@ def _between(first: Array, second: Array, fraction: float) -> Array:
     q = (1.0 - fraction) * q0 + fraction * q1
     q /= portable.lengths(q)
     position = (1.0 - fraction) * first[:3, 3] + fraction * second[:3, 3]
-    x, y, z = (float(v) for v in position)
-    return transform_matrix(rotation_from_quaternion(*(float(v) for v in q)), (x, y, z))
+    return rigid_matrix(*position.tolist(), *q.tolist())

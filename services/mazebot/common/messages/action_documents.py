@@ -158,6 +158,17 @@ class SendGoalReply(Document):
     )
 
 
+class NavigationCheckpoint(Document):
+    """What a navigation that is started again needs to go on with the goal of the one before."""
+
+    world_hash: str
+    epoch: int | None = Field(description="the simulation's, in which the run began")
+    goal: ActionGoal | None = Field(description="what is still to be done; null: no goal")
+    goal_id: str = Field("", description="empty: it came on /goal_pose")
+    goal_stamp_ns: int | None = Field(None, description="stamp of the message on /goal_pose")
+    start_ns: int = 0
+
+
 class ComputePath(Document):
     """Requests a path through all goals to the last one. The robot does not move."""
 
@@ -244,6 +255,11 @@ class ActionFeedback(Document):
     num_retries: int | None = None
     paused: bool = False
     goal: Planar | None = Field(None, description="where it ends; null: it has no goal in the map")
+    stopped_at: tuple[tuple[Finite, Finite], ...] = Field(
+        (),
+        description="m; places in the map where something that no sensor shows stopped the robot "
+        "since navigation began: they are obstacles of the costmaps",
+    )
 
 
 class ActionResult(Document):
@@ -257,6 +273,7 @@ class ActionResult(Document):
     start_time_s: Finite
     end_time_s: Finite
     number_of_recoveries: int = 0
+    num_retries: int = Field(0, description="of docking: approaches after the first one")
     waypoints: tuple[WaypointStatus, ...] = ()
     goal: Planar | None = Field(
         None, description="where it should end; null: it has no goal in the map"

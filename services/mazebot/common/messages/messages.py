@@ -24,6 +24,11 @@ from rosbags.typesys.stores.ros2_jazzy import (
 )
 from rosbags.typesys.stores.ros2_jazzy import diagnostic_msgs__msg__KeyValue as KeyValue
 from rosbags.typesys.stores.ros2_jazzy import geometry_msgs__msg__Point as Point
+from rosbags.typesys.stores.ros2_jazzy import geometry_msgs__msg__Point32 as Point32
+from rosbags.typesys.stores.ros2_jazzy import geometry_msgs__msg__Polygon as Polygon
+from rosbags.typesys.stores.ros2_jazzy import (
+    geometry_msgs__msg__PolygonStamped as PolygonStamped,
+)
 from rosbags.typesys.stores.ros2_jazzy import geometry_msgs__msg__Pose as Pose
 from rosbags.typesys.stores.ros2_jazzy import geometry_msgs__msg__PoseArray as PoseArray
 from rosbags.typesys.stores.ros2_jazzy import geometry_msgs__msg__PoseStamped as PoseStamped
@@ -49,6 +54,7 @@ from rosbags.typesys.stores.ros2_jazzy import nav_msgs__msg__OccupancyGrid as Oc
 from rosbags.typesys.stores.ros2_jazzy import nav_msgs__msg__Odometry as Odometry
 from rosbags.typesys.stores.ros2_jazzy import nav_msgs__msg__Path as Path
 from rosbags.typesys.stores.ros2_jazzy import rcl_interfaces__msg__Log as Log
+from rosbags.typesys.stores.ros2_jazzy import rcl_interfaces__msg__ParameterEvent as ParameterEvent
 from rosbags.typesys.stores.ros2_jazzy import rosgraph_msgs__msg__Clock as Clock
 from rosbags.typesys.stores.ros2_jazzy import sensor_msgs__msg__CameraInfo as CameraInfo
 from rosbags.typesys.stores.ros2_jazzy import sensor_msgs__msg__CompressedImage as CompressedImage
@@ -71,9 +77,10 @@ from mazebot.common.maths.frames import (
     SE2,
     SE3,
     Array,
+    PlanarCovariance,
     position_and_quaternion,
     quaternion_from_yaw,
-    rotation_from_quaternion,
+    rigid_matrix,
     yaw_from_quaternion,
 )
 
@@ -99,8 +106,12 @@ __all__ = [
     "MarkerArray",
     "OccupancyGrid",
     "Odometry",
+    "ParameterEvent",
     "Path",
     "Point",
+    "Point32",
+    "Polygon",
+    "PolygonStamped",
     "Pose",
     "PoseArray",
     "PoseStamped",
@@ -175,7 +186,7 @@ class Detection3DArray:
     __msgtype__: ClassVar[str] = "vision_msgs/msg/Detection3DArray"
 
 
-_VISION_MSGS: dict[type[RosMessage], str] = {
+VISION_MSGS: dict[type[RosMessage], str] = {
     ObjectHypothesis: "string class_id\nfloat64 score\n",
     ObjectHypothesisWithPose: (
         "vision_msgs/ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose\n"
@@ -190,7 +201,7 @@ _VISION_MSGS: dict[type[RosMessage], str] = {
 
 
 TYPESTORE = get_typestore(Stores.ROS2_JAZZY)
-for _class, _text in _VISION_MSGS.items():
+for _class, _text in VISION_MSGS.items():
     TYPESTORE.register(get_types_from_msg(_text, _class.__msgtype__))
     # Decoding then yields the classes above, which the type checker knows.
     TYPESTORE.types[_class.__msgtype__] = _class
@@ -246,10 +257,7 @@ def pose_from_matrix(matrix: Array) -> Pose:
 def matrix_from_pose(pose: Pose) -> Array:
     """Rigid (4, 4) matrix of a pose message."""
     q, p = pose.orientation, pose.position
-    matrix = np.eye(4)
-    matrix[:3, :3] = rotation_from_quaternion(q.x, q.y, q.z, q.w)
-    matrix[:3, 3] = (p.x, p.y, p.z)
-    return matrix
+    return rigid_matrix(p.x, p.y, p.z, q.x, q.y, q.z, q.w)
 
 
 def transform_stamped(
@@ -284,10 +292,13 @@ def _transform_stamped(
 def matrix_from_transform(transform: Transform) -> Array:
     """Rigid (4, 4) matrix of a TF transform."""
     q, t = transform.rotation, transform.translation
-    matrix = np.eye(4)
-    matrix[:3, :3] = rotation_from_quaternion(q.x, q.y, q.z, q.w)
-    matrix[:3, 3] = (t.x, t.y, t.z)
-    return matrix
+    return rigid_matrix(t.x, t.y, t.z, q.x, q.y, q.z, q.w)
+
+
+def se2_from_transform(transform: Transform) -> SE2:
+    """Planar part of a TF transform."""
+    q, t = transform.rotation, transform.translation
+    return SE2(t.x, t.y, yaw_from_quaternion(q.x, q.y, q.z, q.w))
 
 
 def chain_transforms(
@@ -377,6 +388,21 @@ def planar_covariance(covariance_3x3: Array, unused: float = 0.0) -> NDArray[np.
     full[_PLANAR_OF_36] = np.asarray(covariance_3x3).reshape(9)
     full[_OTHER_VARIANCES_OF_36] = unused
     return full
+
+
+def covariance_36(covariance: PlanarCovariance, unused: float = 0.0) -> NDArray[np.float64]:
+    """As `planar_covariance`, of plain numbers."""
+    x_x, x_y, x_yaw, y_y, y_yaw, yaw_yaw = covariance
+    return np.array(
+        (
+            *(x_x, x_y, 0.0, 0.0, 0.0, x_yaw),
+            *(x_y, y_y, 0.0, 0.0, 0.0, y_yaw),
+            *(0.0, 0.0, unused, 0.0, 0.0, 0.0),
+            *(0.0, 0.0, 0.0, unused, 0.0, 0.0),
+            *(0.0, 0.0, 0.0, 0.0, unused, 0.0),
+            *(x_yaw, y_yaw, 0.0, 0.0, 0.0, yaw_yaw),
+        )
+    )
 
 
 def occupancy_grid(

@@ -46,6 +46,10 @@ class Delivery(Enum):
     """
 
 
+# Inside the class below, `type` is a field.
+_Twist = type[msg.Twist]
+
+
 @dataclass(frozen=True, eq=False)
 class Topic(Generic[M]):
     """One row: a ROS topic, its type, its rate in simulation time, its publishers and subscribers,
@@ -61,11 +65,17 @@ class Topic(Generic[M]):
     rate_hz: float | None = None
     depth: int = 1
     returned: bool = False
-    """Whether its owner gets its last message back from the readers after a restart."""
+    """Whether its owner gets its last message back from the readers and keepers after a restart."""
+    keepers: tuple[str, ...] = ()
+    """Services that keep its last message for its owner, and make no use of it themselves."""
     large: bool = False
     """Whether a message may be so large that replies to a late reader must block, not drop."""
     in_turn: bool = False
     """Whether only one of its owners publishes in a run."""
+    truth: bool = False
+    """Whether it tells what a real robot cannot know."""
+    also: tuple[_Twist, ...] = ()
+    """Other types that its readers take: see `of_own_type` in wire.py."""
 
 
 Q = TypeVar("Q")
@@ -137,12 +147,20 @@ ENTITIES = Topic(
 TF = Topic(
     "/tf", msg.TFMessage, ("physics", "localization", "mapping"),
     ("spawner", "perception", "navigation", "recorder"), _LATEST,
-    "odom from base_footprint, map from odom, map from each body that moves", rate_hz=30, depth=100,
+    "odom from base_footprint, map from odom, map from each body that moves; the wheels at 10 Hz",
+    rate_hz=30, depth=100,
 )  # fmt: skip
 TF_STATIC = Topic(
     "/tf_static", msg.TFMessage, ("physics",),
     ("perception", "localization", "mapping", "navigation", "recorder"), _LATCHED,
     "the robot's fixed frames",
+)  # fmt: skip
+ROBOT_DESCRIPTION = Topic(
+    "/robot_description", msg.String, ("physics",), ("recorder",), _LATCHED, "the robot's URDF",
+)  # fmt: skip
+ENTITY_MARKERS = Topic(
+    "/entities/markers", msg.MarkerArray, ("physics",), ("recorder",), _LATCHED,
+    "the entities that exist, as RViz draws them: what moves in the frame of its name", large=True,
 )  # fmt: skip
 ODOM = Topic(
     "/odom", msg.Odometry, ("physics",),
@@ -176,26 +194,36 @@ CAMERA_COMPRESSED = Topic(
     "the image as JPEG, if it is enabled", rate_hz=10,
 )  # fmt: skip
 DEPTH_IMAGE = Topic(
-    "/camera/depth/image_rect_raw", msg.Image, ("physics",), ("recorder",), _LATEST,
+    "/camera/depth/image_rect_raw", msg.Image, ("physics",), ("perception", "recorder"), _LATEST,
     "32FC1, metres along the optical axis, same render as the colour image; 0: nothing in range",
     rate_hz=10,
 )  # fmt: skip
 DEPTH_INFO = Topic(
-    "/camera/depth/camera_info", msg.CameraInfo, ("physics",), ("recorder",), _LATEST,
+    "/camera/depth/camera_info", msg.CameraInfo, ("physics",), ("perception", "recorder"), _LATEST,
     "intrinsics of the depth image with the same stamp", rate_hz=10,
+)  # fmt: skip
+DEPTH_SCAN = Topic(
+    "/camera/depth/scan", msg.LaserScan, ("perception",), ("navigation", "recorder"), _LATEST,
+    "nearest thing between floor and the robot's top in each part of the depth image; inf: only "
+    "floor, -inf: nothing measured", rate_hz=10,
 )  # fmt: skip
 GROUND_TRUTH_ODOM = Topic(
     "/ground_truth/odom", msg.Odometry, ("physics",), ("recorder",), _LATEST,
-    "true pose: map from base_footprint", rate_hz=30, depth=30,
+    "true pose: map from base_footprint", rate_hz=30, depth=30, truth=True,
 )  # fmt: skip
 CONTACTS = Topic(
     "/contacts", doc.Contact, ("physics",), ("recorder",), _EVERY,
-    "the start of a contact of the robot",
+    "the start of a contact of the robot", truth=True,
 )  # fmt: skip
 SIMULATION_STATS = Topic(
     "/simulation/stats", doc.SimulationStats, ("physics",),
     ("localization", "mapping", "navigation", "explorer", "recorder"), _LATCHED,
     "time, steps, pause, epoch, hashes", rate_hz=5, returned=True,
+)  # fmt: skip
+SIMULATION_CHECKPOINT = Topic(
+    "/simulation/checkpoint", doc.SimulationCheckpoint, ("physics",), (), _LATCHED,
+    "what a simulator that is started again needs to go on where it was", rate_hz=10,
+    returned=True, keepers=("worldgen", "spawner", "perception"), truth=True,
 )  # fmt: skip
 DETECTIONS = Topic(
     "/aruco/detections", msg.Detection3DArray, ("perception",),
@@ -228,6 +256,11 @@ PARTICLE_CLOUD = Topic(
 LOCALIZATION_STATUS = Topic(
     "/localization/status", doc.LocalizationStatus, ("localization", "mapping"),
     ("navigation", "recorder"), _LATCHED, "whether the pose can be trusted, and why not", rate_hz=2,
+)  # fmt: skip
+LOCALIZATION_CHECKPOINT = Topic(
+    "/localization/checkpoint", doc.LocalizationCheckpoint, ("localization",), (), _LATCHED,
+    "what a localization that is started again needs to go on where it was", rate_hz=2,
+    returned=True, keepers=("navigation", "perception"),
 )  # fmt: skip
 GLOBAL_LOCALIZATION_REQUEST = Topic(
     "/navigation/global_localization", act.Empty, ("navigation",), ("localization", "recorder"),
@@ -268,16 +301,21 @@ LOCAL_COSTMAP = Topic(
     "/local_costmap/costmap", msg.OccupancyGrid, ("navigation",), ("recorder",), _LATEST,
     "the obstacles around the robot, in the odom frame", rate_hz=2,
 )  # fmt: skip
+PUBLISHED_FOOTPRINT = Topic(
+    "/local_costmap/published_footprint", msg.PolygonStamped, ("navigation",), ("recorder",),
+    _LATEST, "the robot's outline with its padding, in the odom frame", rate_hz=2,
+)  # fmt: skip
 PLAN = Topic(
     "/plan", msg.Path, ("navigation",), ("recorder",), _LATEST, "the path being followed", rate_hz=1
 )
 CMD_VEL = Topic(
     "/cmd_vel", msg.TwistStamped, ("navigation", EDGE), ("physics", "recorder"), _LATEST,
-    "velocity of base_footprint", rate_hz=20,
+    "velocity of base_footprint", rate_hz=20, also=(msg.Twist,),
 )  # fmt: skip
 CMD_VEL_TELEOP = Topic(
     "/cmd_vel_teleop", msg.TwistStamped, (EDGE,), ("navigation", "recorder"), _LATEST,
     "velocity commanded by a user; the collision monitor limits it near obstacles",
+    also=(msg.Twist,),
 )  # fmt: skip
 COLLISION_MONITOR_STATE = Topic(
     "/collision_monitor_state", act.CollisionMonitorState, ("navigation",), ("recorder",),
@@ -313,6 +351,11 @@ NAVIGATION_STATUS = Topic(
     ("explorer", "bringup", "recorder"), _LATCHED,
     "state of navigation, and of localisation as it sees it", rate_hz=2,
 )  # fmt: skip
+NAVIGATION_CHECKPOINT = Topic(
+    "/navigation/checkpoint", act.NavigationCheckpoint, ("navigation",), (), _LATCHED,
+    "the goal that a navigation that is started again goes on with",
+    returned=True, keepers=("localization", "mapping", "perception"),
+)  # fmt: skip
 NAVIGATION_RESULT = Topic(
     "/navigation/result", doc.NavigationResult, ("navigation",),
     ("explorer", "bringup", "recorder"), _EVERY,
@@ -320,11 +363,15 @@ NAVIGATION_RESULT = Topic(
 )  # fmt: skip
 EVALUATION = Topic(
     "/evaluation", doc.Evaluation, ("recorder",), ("bringup",), _LATCHED,
-    "the run evaluated against the ground truth", rate_hz=1,
+    "the run evaluated against the ground truth", rate_hz=1, truth=True,
 )  # fmt: skip
 PARAMETERS = Topic(
     "/parameters", doc.Parameters, SERVICES, ("recorder",), _LATCHED,
     "the configuration of each service",
+)  # fmt: skip
+PARAMETER_EVENTS = Topic(
+    "/parameter_events", msg.ParameterEvent, ("navigation",), ("recorder",), _EVERY,
+    "parameters were set while it runs",
 )  # fmt: skip
 DIAGNOSTICS = Topic(
     "/diagnostics", msg.DiagnosticArray, SERVICES, ("recorder", "bringup"), _LATEST,
@@ -372,6 +419,10 @@ COMPUTE_PATH = Query(
 SMOOTH_PATH = Query(
     "/smooth_path", act.SmoothPath, act.SmoothPathReply, "navigation", "smooth a path"
 )
+SET_PARAMETERS = Query(
+    "/navigation/set_parameters", doc.SetParameters, doc.SetParametersReply, "navigation",
+    "set parameters while the robot drives",
+)  # fmt: skip
 LOAD_MAP = Query(
     "/map_server/load_map", act.LoadMap, act.LoadMapReply, "worldgen",
     "load a map and publish it on `/map`",
@@ -410,3 +461,8 @@ def asked_of(service: str) -> list[Query[Any, Any]]:
 def read_by(service: str) -> list[Topic[object]]:
     """The topics a service reads."""
     return [topic for topic in TOPICS if service in topic.readers]
+
+
+def kept_by(service: str) -> list[Topic[object]]:
+    """The topics whose last message a service keeps for their owners."""
+    return [topic for topic in TOPICS if service in topic.keepers]

@@ -1,4 +1,4 @@
-"""Topic to key expression, message to bytes and back, and message validation."""
+"""Message to bytes and back, and message validation."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from rosbags.serde import SerdeError
 from mazebot.common.messages import cdr
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.documents import Document
-from mazebot.common.messages.topics import Query, Topic
+from mazebot.common.messages.topics import Topic
 
 M = TypeVar("M")
 D = TypeVar("D", bound=Document)
@@ -61,13 +61,6 @@ class WireError(ValueError):
     def __init__(self, reason: str, detail: str = "") -> None:
         super().__init__(f"{reason}: {detail}" if detail else reason)
         self.reason = reason
-
-
-def key_from_topic(topic: Topic[M] | Query[Any, Any], prefix: str = "") -> str:
-    """Zenoh key expression of a topic or a query: the plain ROS name without its slash, as in
-    zenoh-bridge-ros2dds.
-    """
-    return prefix + topic.name.removeprefix("/")
 
 
 def type_name(topic: Topic[M]) -> str:
@@ -123,6 +116,20 @@ def encode_document(document: Document) -> bytes:
     return cdr.encode(msg.String.__msgtype__, msg.String(data=document.model_dump_json()))
 
 
+def of_own_type(topic: Topic[M], data: bytes) -> bytes:
+    """The CDR bytes of a message of the topic's own type; `data` may be of one that it takes, too:
+    a Twist becomes a TwistStamped without time and frame.
+    """
+    if msg.Twist in topic.also and len(data) == _TWIST_BYTES:
+        return _UNSTAMPED + data[4:]
+    return data
+
+
+_TWIST_BYTES = 4 + 6 * 8
+# Of a TwistStamped: encapsulation, time 0, an empty frame with its length, up to a multiple of 8.
+_UNSTAMPED = struct.pack("<4sqI4s", b"\0\1\0\0", 0, 1, b"")
+
+
 def decode(topic: Topic[M], data: bytes) -> M:
     """The message in CDR bytes.
 
@@ -154,6 +161,23 @@ def _decode(type_name_: str, data: bytes) -> object:
         return msg.TYPESTORE.deserialize_cdr(data, type_name_)
     except (SerdeError, RecursionError, MemoryError, OverflowError, AssertionError) as error:
         raise WireError("malformed", str(error)) from error
+
+
+def decode_type(type_name_: str, data: bytes) -> Any:
+    """The message of a ROS type in CDR bytes.
+
+    Raises WireError where they are none, or where it has invalid values, as of `validate`.
+    """
+    message = read_type(type_name_, data)
+    problem = _checker(type_name_)(message)
+    if problem:
+        raise WireError(problem)
+    return message
+
+
+def read_type(type_name_: str, data: bytes) -> Any:
+    """As `decode_type`, with any values."""
+    return _decode(type_name_, data)
 
 
 @functools.cache
@@ -269,6 +293,7 @@ def _checker_of(kind: type[Any]) -> _Check:
     return _document if issubclass(kind, Document) else _checker(kind.__msgtype__)
 
 
+@functools.cache
 def _checker(type_name_: str) -> _Check:
     checks = _checks(type_name_)
     limits = [

@@ -11,6 +11,8 @@ from typing import Any
 
 import yaml
 
+from mazebot.common.files import bounded_yaml
+
 Value = Any
 """bool, int, float, str, or a list of these; of the kind `polygon` a list of [x, y] in metres."""
 
@@ -202,8 +204,8 @@ def _polygon(given: Value) -> list[list[float]]:
     points = given
     if isinstance(given, str):
         try:
-            points = yaml.safe_load(given) if given.strip() else []
-        except yaml.YAMLError:
+            points = bounded_yaml.load(given) if given.strip() else []
+        except bounded_yaml.ERRORS:
             points = None
     if isinstance(points, list) and points and not isinstance(points[0], list):
         points = [points[at : at + 2] for at in range(0, len(points), 2)]

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import yaml
 
 from mazebot.common.config import ConfigError
-from mazebot.common.files.yaml_words import line_and_words
+from mazebot.common.files import bounded_yaml
 from mazebot.common.nav2_params.parameter import Value
 
 WILDCARD = "/**"
@@ -19,7 +19,6 @@ _PARAMETERS = "ros__parameters"
 _MOST_LEAVES = 20_000
 _DEEPEST = 40
 _DEEPEST_LIST = 4
-_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _MERGE = "tag:yaml.org,2002:merge"
 
 
@@ -48,10 +47,9 @@ def read_leaves(text: str, name: str) -> tuple[list[Leaf], list[Leaf]]:
     `NODE: {ros__parameters: {...}}`.
     """
     try:
-        root = yaml.compose(text, _LOADER)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        line, reason = line_and_words(error)
-        raise ConfigError(f"{name}{f':{line}' if line else ''}: not YAML: {reason}") from error
+        root = bounded_yaml.compose(text)
+    except bounded_yaml.ERRORS as error:
+        raise bounded_yaml.not_yaml(name, error) from error
     if root is None:
         raise ConfigError(f"{name}: is empty: must contain NODE: {{{_PARAMETERS}: {{...}}}}")
     last: dict[tuple[str, str], Leaf] = {}

@@ -36,6 +36,8 @@ class FrameTree:
 
     def __init__(self) -> None:
         self._entries: dict[str, TransformStamped] = {}
+        self._chains: dict[tuple[str, str], Array | None] = {}
+        """Those that were asked for since the last transform came."""
 
     def add(self, message: TFMessage) -> str:
         """Add transforms; return a short reason if they are refused, else an empty string."""
@@ -54,6 +56,7 @@ class FrameTree:
             if has_ring(parents):
                 return "loop in the frame tree"
         entries.update((entry.child_frame_id, entry) for entry in message.transforms)
+        self._chains.clear()
         return ""
 
     def receive(self, inbox: Inbox, topic: Topic[TFMessage]) -> bool:
@@ -75,5 +78,10 @@ class FrameTree:
         return {frame: matrix for frame, matrix in found.items() if matrix is not None}
 
     def chain(self, parent_frame: str, child_frame: str) -> Array | None:
-        """Rigid (4, 4) `parent_from_child`; None where no transforms connect the frames."""
-        return chain_transforms(self._entries.values(), parent_frame, child_frame)
+        """Rigid (4, 4) `parent_from_child`, not to be modified; None where no transforms connect
+        the frames.
+        """
+        ends = parent_frame, child_frame
+        if ends not in self._chains:
+            self._chains[ends] = chain_transforms(self._entries.values(), *ends)
+        return self._chains[ends]

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterable
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
-from mazebot.common.messages.topics import Delivery, Topic, owned_by, read_by
+from mazebot.common.messages.topics import Delivery, Topic, kept_by, owned_by, read_by
 
 MAX_SOURCES = 16
 """Publishers of one topic whose messages are kept: the most recent ones."""
@@ -51,12 +51,13 @@ class HeldMessages(Generic[E]):
     """The newest messages of each publisher, for topics that others may request."""
 
     def __init__(self, service: str) -> None:
-        self._topics = {
-            topic.name: topic
-            for topic in read_by(service)
-            if topic.delivery is Delivery.LATCHED
-            and (topic.returned or (topic.rate_hz is None and len(topic.readers) > 1))
-        }
+        latched = [topic for topic in read_by(service) if topic.delivery is Delivery.LATCHED]
+        shared = [
+            topic
+            for topic in latched
+            if topic.returned or (topic.rate_hz is None and len(topic.readers) > 1)
+        ]
+        self._topics = {topic.name: topic for topic in (*shared, *kept_by(service))}
         self._messages: dict[str, dict[str, deque[HeldMessage[E]]]] = {
             name: {} for name in self._topics
         }
@@ -79,6 +80,18 @@ class HeldMessages(Generic[E]):
         while len(sources) > MAX_SOURCES:
             oldest = sources.pop(next(iter(sources)))
             self._bytes -= sum(len(message.data) for message in oldest)
+
+    def forget(self, is_known: Callable[[str], bool], before_ns: int) -> bool:
+        """Drop what came before a wall clock time from publishers that nobody knows; whether there
+        was any.
+        """
+        found = False
+        for sources in self._messages.values():
+            for source, messages in list(sources.items()):
+                if not is_known(source) and messages[-1].received_ns < before_ns:
+                    self._bytes -= sum(len(message.data) for message in sources.pop(source))
+                    found = True
+        return found
 
     def kept_from(
         self, names: Collection[str], is_meant: Callable[[str], bool]

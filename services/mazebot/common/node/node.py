@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import threading
+import time
 import zlib
 from abc import ABC, abstractmethod
 from collections import Counter, deque
@@ -15,7 +17,15 @@ import numpy as np
 from mazebot.common.config import ServiceConfig, changed_defaults
 from mazebot.common.messages import wire
 from mazebot.common.messages.documents import Parameters
-from mazebot.common.messages.topics import Delivery, Query, Topic, asked_of, owned_by, read_by
+from mazebot.common.messages.topics import (
+    Delivery,
+    Query,
+    Topic,
+    asked_of,
+    kept_by,
+    owned_by,
+    read_by,
+)
 from mazebot.common.node.held import HeldMessage, HeldMessages
 
 M = TypeVar("M")
@@ -26,6 +36,10 @@ MAX_REQUESTS = 1000
 """Queue length of one query of a node; further requests are answered with an error."""
 MAX_WAITING = 1000
 """Queue length of one topic of a node; beyond it the oldest messages are dropped."""
+STRANGER_NS = 3_000_000_000
+"""A publisher is seen alive within this time after its first message."""
+LARGE_BYTES = 4 * 1024 * 1024
+"""More than a picture or a map has."""
 MAX_WAITING_BYTES = 256 * 1024 * 1024
 """Maximum of all topics' queues together, in serialized bytes."""
 MAX_SOURCES = 1000
@@ -74,6 +88,11 @@ class Node(ABC):
     depth: ClassVar[int] = 0
     """Queue depth for LATEST topics where it is greater than the topic's own depth."""
 
+    live_parameters: ClassVar[tuple[str, ...]] = ()
+    """Beginnings of the dotted names of the parameters that a query may change while it runs."""
+    parameter_aliases: ClassVar[Mapping[str, str]] = {}
+    """Other names of parameters, as Nav2 has them."""
+
     _config: ServiceConfig
     world_hash: str = ""
     """Hash of the world this node uses; empty before it has one."""
@@ -87,6 +106,11 @@ class Node(ABC):
     @abstractmethod
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
         """Process new messages, advance to `now_ns`, publish what is due."""
+
+    @property
+    def config(self) -> ServiceConfig:
+        """The configuration in force."""
+        return self._config
 
     def prepare(self) -> None:  # noqa: B027 - most nodes have nothing to prepare
         """Load or compile what the node computes with. Called once before the first step where time
@@ -196,10 +220,12 @@ class Inbox:
             self._depths[topic.name] = max(topic.depth, node.depth) if latest else MAX_WAITING
             self._queues[topic.name] = deque()
             self.counts[topic.name] = TopicCounts()
+        self.counts |= {topic.name: TopicCounts() for topic in kept_by(node.name)}
         self._requests: dict[str, deque[Request[Any, Any]]] = {
             query.name: deque() for query in asked_of(node.name)
         }
         self._gone: set[str] = set()
+        self._present: set[str] = set()
         # Steps are delayed while nothing moves; see ClockNode.resting.
         self._calls_always = isinstance(node, ClockNode)
         self._waking = [self._queues[topic.name] for topic in node.wakes]
@@ -208,6 +234,11 @@ class Inbox:
         """Whether something has arrived that may wake the node: `wakes()` tells."""
         self.has_news = False
         """Whether anything has arrived since this was last set to False."""
+        self.took_large = False
+        """Whether a message has come of a size that leaves gaps in memory."""
+        self._calls_once = False
+        self.is_handed_over = True
+        """Whether what others keep for this node has been delivered, if anything is kept."""
 
     def ask(self, query: Query[Q, A], message: Q, respond: Callable[[A], None]) -> bool:
         """Queue a query, to be answered by `respond`; False: the queue is full.
@@ -235,8 +266,9 @@ class Inbox:
         if not self.may_wake:
             return False
         with self._lock:
+            called, self._calls_once = self._calls_once, False
             self.may_wake = any(self._waking) or self.asked()
-            return self.may_wake
+            return self.may_wake or called
 
     def requests(self, query: Query[Q, A]) -> list[Request[Q, A]]:
         """The queries since the last call, oldest first."""
@@ -256,8 +288,15 @@ class Inbox:
         name = topic.name
         calls = name in self._waking_names
         with self._lock:
-            queue = self._queues[name]
+            queue = self._queues.get(name)
+            if queue is None:
+                # It is kept for its owner alone.
+                if isinstance(message, bytes):
+                    self._kept.keep(name, message, envelope)
+                return
             self.counts[name].take_in(envelope.source, envelope.sequence)
+            if isinstance(message, bytes) and len(message) > LARGE_BYTES:
+                self.took_large = True
             queue.append((message, envelope))
             if isinstance(message, bytes):
                 self._kept.keep(name, message, envelope)
@@ -273,25 +312,48 @@ class Inbox:
     def _drop_oldest(self, topic: Topic[M]) -> None:
         """Make room in the queue of a topic."""
         queue, most, dropped = self._queues[topic.name], self._depths[topic.name], 0
+        if not self._waiting_bytes and topic.delivery is Delivery.LATEST:
+            # One came, which is all that is too much.
+            queue.popleft()
+            return
         while len(queue) > most or (self._waiting_bytes > MAX_WAITING_BYTES and queue):
             self._waiting_bytes -= _size(queue.popleft()[0])
             dropped += 1
         if dropped and topic.delivery is not Delivery.LATEST:
             self.counts[topic.name].reject(QUEUE_FULL, dropped)
 
+    def hand_over(self) -> None:
+        """What others keep for this node has been delivered."""
+        with self._lock:
+            self._calls_once = not self.is_handed_over
+            self.may_wake |= self._calls_once
+            self.is_handed_over = self.has_news = True
+        self._on_delivery()
+
     def leave(self, source: str) -> None:
         """Mark a message source as gone. Its last messages may still arrive after that."""
         with self._lock:
             self._gone.add(source)
+            self._present.discard(source)
 
     def come_back(self, source: str) -> None:
         """Mark a message source as present, whether or not it was gone."""
         with self._lock:
             self._gone.discard(source)
+            self._present.add(source)
 
     def is_gone(self, source: str) -> bool:
         """Whether a source has ended or cannot be reached."""
         return source in self._gone
+
+    def forget_strangers(self) -> bool:
+        """Keep no messages of publishers that were never seen alive; whether there were any."""
+        with self._lock:
+            known = self._present, self._gone
+            return self._kept.forget(
+                lambda source: any(source in some for some in known),
+                time.time_ns() - STRANGER_NS,
+            )
 
     def held(
         self, names: Collection[str], of_the_living: bool = False
@@ -353,6 +415,14 @@ class Inbox:
         """The newest message since the last call, or None."""
         messages = self.new(topic)
         return messages[-1] if messages else None
+
+    def refuse(self, service: str, reason: str) -> None:
+        """Count a request to a ROS service that was not answered; the reason as in `reject`."""
+        with self._lock:
+            if service not in self.counts:
+                # Replaced, so that it can be read without the lock.
+                self.counts = {**self.counts, service: TopicCounts()}
+            self.counts[service].reject(reason)
 
     def reject(self, topic: Topic[M], reason: str) -> None:
         """Count a rejected message. The reason is a short phrase, from a small set."""
@@ -428,6 +498,11 @@ class Beat:
         """Whether the next multiple has been reached, or the simulation was reset."""
         return not self._next_ns - self._period_ns <= now_ns < self._next_ns
 
+    @property
+    def rest_ns(self) -> tuple[int, int]:
+        """Times from the one to before the other are not due."""
+        return self._next_ns - self._period_ns, self._next_ns
+
     def due(self, now_ns: int) -> bool:
         """As `is_due()`, and move on to the next multiple."""
         next_ns = self._next_ns
@@ -442,14 +517,22 @@ class Trigger:
 
     def __init__(self, node: Node) -> None:
         self._beat = Beat(node.period_ns) if node.period_ns is not None else None
+        self._rest_ns: tuple[float, float] = (0, 0)
+        """The timer is not due from the one to before the other."""
+        if self._beat is None:
+            self._rest_ns = -math.inf, math.inf
 
     def due(self, now_ns: int, inbox: Inbox) -> bool:
         """Whether the node has to step at `now_ns`; the call advances a periodic node's timer."""
-        beat = self._beat
+        start_ns, end_ns = self._rest_ns
         # Asked at every step of physics: most answers are this one.
-        if not inbox.may_wake and (beat is None or not beat.is_due(now_ns)):
+        if start_ns <= now_ns < end_ns and not inbox.may_wake:
             return False
-        return (beat is not None and beat.due(now_ns)) or inbox.wakes()
+        beat = self._beat
+        if beat is not None and beat.due(now_ns):
+            self._rest_ns = beat.rest_ns
+            return True
+        return inbox.wakes()
 
     def is_time(self, now_ns: int) -> bool:
         """Whether the node's timer is due at `now_ns`."""

@@ -15,6 +15,8 @@ from typing import Any, Literal, NamedTuple
 from pydantic_core import from_json, to_json
 
 from mazebot.common.config import ConfigError
+from mazebot.common.files.limits import MAX_DOCUMENT_BYTES
+from mazebot.common.files.reading import read_limited
 from mazebot.common.recordings.labels import Labels, read_labels
 from mazebot.common.recordings.run_folder import (
     LABELS,
@@ -39,7 +41,6 @@ _INDEXED = [
 _WORTH_IT = 20
 """Runs read in one listing, for which the index is written again."""
 _SETTLED_NS = 2_000_000_000
-_MOST_BYTES = 64 * 1024 * 1024
 """A larger summary is none."""
 
 
@@ -233,9 +234,7 @@ def _read(path: Path, versions: tuple[_File | None, _File | None]) -> dict[str, 
     summary: Mapping[str, Any] = {}
     if versions[0] is not None:
         try:
-            if versions[0].size_bytes > _MOST_BYTES:
-                raise ValueError(f"larger than {_MOST_BYTES // 2**20} MiB")
-            summary = from_json((path / SUMMARY).read_bytes())
+            summary = from_json(read_limited(path / SUMMARY, MAX_DOCUMENT_BYTES))
             if not isinstance(summary, dict):
                 raise ValueError("must be an object")
         except (OSError, ValueError, RecursionError) as error:
@@ -308,7 +307,7 @@ def _info(path: Path, files: Mapping[str, _File], values: Mapping[str, Any]) -> 
 def _read_index(folder: Path) -> dict[str, _Facts]:
     """What an earlier listing kept; empty if there is nothing of use."""
     try:
-        index = from_json((folder / INDEX).read_bytes())
+        index = from_json(read_limited(folder / INDEX, MAX_DOCUMENT_BYTES))
         if index["fields"] != _INDEXED:
             return {}
         return {

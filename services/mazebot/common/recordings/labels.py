@@ -9,6 +9,8 @@ from typing import Annotated
 from pydantic import Field, ValidationError, field_validator
 
 from mazebot.common.config import ConfigError, one_line
+from mazebot.common.files.limits import MAX_TEXT_BYTES
+from mazebot.common.files.reading import NotReadableError, read_limited, reason
 from mazebot.common.messages.documents import Document
 from mazebot.common.recordings.run_folder import LABELS, write_atomically
 
@@ -42,11 +44,11 @@ def read_labels(folder: Path) -> Labels:
     """
     path = folder / LABELS
     try:
-        return Labels.model_validate_json(path.read_bytes())
+        return Labels.model_validate_json(read_limited(path, MAX_TEXT_BYTES))
     except FileNotFoundError:
         return Labels()
-    except OSError as error:
-        raise ConfigError(f"{path}: {error.strerror}") from error
+    except (OSError, NotReadableError) as error:
+        raise ConfigError(f"{path}: {reason(error)}") from error
     except ValidationError as error:
         raise ConfigError(f"{path}: {one_line(error):.300}") from error
 

@@ -7,16 +7,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from mazebot.common.config import ConfigError
+from mazebot.common.files import bounded_yaml
+from mazebot.common.files.limits import MAX_DOCUMENT_BYTES
+from mazebot.common.files.reading import NotReadableError, read_limited
 from mazebot.common.files.yaml_words import line_and_words
 from mazebot.common.recordings.run_folder import CONFIG, SUMMARY
 
 _NO_MATTER = ("services.recorder.", "world_hash")
 """Settings without influence on the run, and one that the summary gives better."""
-_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-"""The C implementation is ten times as fast, if available."""
 
 
 def settings_of(folder: Path) -> dict[str, Any]:
@@ -41,16 +40,18 @@ def read_summary(folder: Path) -> dict[str, Any]:
 
 def read_config(folder: Path) -> dict[str, Any]:
     """The config.yaml of a run; empty if it has none. Raises as `settings_of`."""
-    return _mapping(folder / CONFIG, lambda text: yaml.load(text, Loader=_LOADER))
+    return _mapping(folder / CONFIG, bounded_yaml.load)
 
 
 def _mapping(path: Path, parse: Callable[[str], Any]) -> dict[str, Any]:
     """The content of a run's file; empty if it is missing, as in a run that was killed."""
     try:
-        content = parse(path.read_text(encoding="utf-8"))
+        content = parse(read_limited(path, MAX_DOCUMENT_BYTES).decode())
     except FileNotFoundError:
         return {}
-    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
+    except NotReadableError as error:
+        raise ConfigError(f"{path}: {error}") from error
+    except (OSError, *bounded_yaml.ERRORS) as error:
         line, reason = line_and_words(error)
         raise ConfigError(f"{path}{f':{line}' if line else ''}: {reason}") from error
     if not isinstance(content, dict):

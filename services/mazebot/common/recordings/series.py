@@ -8,6 +8,8 @@ from typing import Annotated, Literal
 from pydantic import Field, ValidationError
 
 from mazebot.common.config import ConfigError, one_line
+from mazebot.common.files.limits import MAX_DOCUMENT_BYTES
+from mazebot.common.files.reading import NotReadableError, read_limited, reason
 from mazebot.common.messages.documents import Document, Finite, Location, Planar
 from mazebot.common.recordings.run_folder import SERIES
 
@@ -139,10 +141,10 @@ def read_series(folder: Path) -> RunSeries | None:
     """
     path = folder / SERIES
     try:
-        return RunSeries.model_validate_json(path.read_bytes())
+        return RunSeries.model_validate_json(read_limited(path, MAX_DOCUMENT_BYTES))
     except FileNotFoundError:
         return None
-    except OSError as error:
-        raise ConfigError(f"{path}: {error.strerror}") from error
+    except (OSError, NotReadableError) as error:
+        raise ConfigError(f"{path}: {reason(error)}") from error
     except ValidationError as error:
         raise ConfigError(f"{path}: {one_line(error):.300}") from error

@@ -9,6 +9,7 @@ PREFIX = "MAZEBOT_"
 ALONE = (
     "MAZEBOT_CONFIG", "MAZEBOT_PARAMS", "MAZEBOT_SEED", "MAZEBOT_RESOURCE_PATH",
     "MAZEBOT_ROUTER_PORT", "MAZEBOT_VIEWER_PORT", "MAZEBOT_VIEWER_DATA_PORT",
+    "MAZEBOT_FOXGLOVE_PORT", "MAZEBOT_PROGRESS",
 )  # fmt: skip
 """Variables that are not a field of a service. The ports are used by Docker Compose."""
 _NEAR = 0.6

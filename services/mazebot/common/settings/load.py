@@ -8,7 +8,6 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-import yaml
 from pydantic import ValidationError
 
 from mazebot.common.config import (
@@ -19,7 +18,9 @@ from mazebot.common.config import (
     setting_names,
     value_of,
 )
-from mazebot.common.files.yaml_words import line_and_words
+from mazebot.common.files import bounded_yaml
+from mazebot.common.files.limits import MAX_TEXT_BYTES
+from mazebot.common.files.reading import NotReadableError, read_limited, reason
 from mazebot.common.settings.known_settings import (
     PREFIX,
     matching,
@@ -34,9 +35,10 @@ if TYPE_CHECKING:
 
 C = TypeVar("C", bound=ServiceConfig)
 
+ROS_DOMAIN = "ROS_DOMAIN_ID"
+"""The variable of ROS 2 that names the domain where no setting does."""
+
 _NOTHING: Mapping[str, object] = {}
-_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-"""The C loader, if available, is ten times as fast."""
 
 
 def load(
@@ -65,6 +67,8 @@ def load(
     if os.environ.get("MAZEBOT_SEED"):
         # One variable for the seed of all services.
         values = {**values, "seed": os.environ["MAZEBOT_SEED"]}
+    if service == "bus" and os.environ.get(ROS_DOMAIN):
+        values = {"domain_id": os.environ[ROS_DOMAIN], **values}
     prefix = f"{PREFIX}{service.upper()}_"
     try:
         if rest or any(name.upper().startswith(prefix) for name in os.environ):
@@ -198,7 +202,7 @@ def _source(
     prefix = variable(service, "")
     for name in os.environ:
         upper = name.upper()
-        if upper == "MAZEBOT_SEED" and field == "seed":
+        if (upper, field) in (("MAZEBOT_SEED", "seed"), (ROS_DOMAIN, "domain_id")):
             return name
         if upper.startswith(prefix):
             if is_of(upper.removeprefix(prefix).lower().replace("__", ".")):
@@ -254,25 +258,21 @@ def nav2_settings(model: type[ServiceConfig], service: str, path: Path) -> dict[
 def _text(path: Path, kind: str) -> str:
     """The text of a file. Raises ConfigError."""
     try:
-        if not path.is_file():
-            # Opening a pipe would block forever.
-            path.stat()
-            raise ConfigError(f"{path}: must be a file of {kind}")
-        return path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"{path}: {error.strerror}") from error
+        return read_limited(path, MAX_TEXT_BYTES).decode()
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: not YAML: must be UTF-8") from error
+    except (OSError, NotReadableError) as error:
+        what = f" of {kind}" if str(error) == "must be a file" else ""
+        raise ConfigError(f"{path}: {reason(error)}{what}") from error
 
 
 def _yaml_mapping(path: Path) -> dict[Any, Any]:
     """The content of a settings file. Raises ConfigError."""
     text = _text(path, "settings")
     try:
-        content = yaml.load(text, _LOADER)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        line, reason = line_and_words(error)
-        raise ConfigError(f"{path}{f':{line}' if line else ''}: not YAML: {reason}") from error
+        content = bounded_yaml.load(text)
+    except bounded_yaml.ERRORS as error:
+        raise bounded_yaml.not_yaml(str(path), error) from error
     if content is None:
         raise ConfigError(f"{path}: is empty: must be sections with fields: {{seed: 8}}")
     if not isinstance(content, dict):

@@ -22,6 +22,8 @@ from PIL import Image
 
 from mazebot.common.config import ConfigError
 from mazebot.common.files.folder_writing import write_file
+from mazebot.common.files.images import NotAnImageError, open_image
+from mazebot.common.files.reading import read_limited
 from mazebot.common.files.yaml_source import Source, read_source
 from mazebot.common.maths.frames import SE2, Array
 from mazebot.common.problems import Problem, WorldError
@@ -269,29 +271,18 @@ def _read_image(file: Path) -> tuple[Array, NDArray[np.uint8] | None]:
     Raises FileNotFoundError, and ValueError with a phrase.
     """
     try:
-        if not file.exists():
-            raise FileNotFoundError
-        if not file.is_file():
-            # Opening a pipe would block forever.
-            raise ValueError("must be a file")
-        with file.open("rb") as opened:
-            data = opened.read(MAX_IMAGE_BYTES + 1)
+        data = read_limited(file, MAX_IMAGE_BYTES)
     except FileNotFoundError:
         raise
     except OSError as error:
         raise ValueError(f"cannot be read: {error.strerror}") from error
-    if len(data) > MAX_IMAGE_BYTES:
-        raise ValueError(f"must have at most {MAX_IMAGE_BYTES} bytes")
     if data[:2] == b"P2":
         return _read_plain_pgm(data), None
+    try:
+        image = open_image(data, tuple(_FORMATS), MAX_CELLS)
+    except NotAnImageError as error:
+        raise ValueError("must be a PGM, PNG or BMP image") from error
     with _no_warnings():
-        try:
-            image: Image.Image = Image.open(io.BytesIO(data), formats=tuple(_FORMATS))
-        except Image.DecompressionBombError as error:
-            raise ValueError(f"must have at most {MAX_CELLS} pixels") from error
-        except Exception as error:
-            raise ValueError("must be a PGM, PNG or BMP image") from error
-        _check_size(*image.size)
         if image.mode.startswith("I"):
             # 16 bits: Pillow's conversion to 8 cuts instead of scaling.
             wanted = "I"

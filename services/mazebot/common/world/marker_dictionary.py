@@ -12,6 +12,7 @@ import yaml
 from lxml import etree
 
 from mazebot.common.config import ConfigError
+from mazebot.common.files.reading import NotReadableError, read_limited
 from mazebot.common.files.yaml_words import line_and_words
 from mazebot.common.messages.documents import MarkerDictionary
 from mazebot.common.world.marker_picture import own_dictionaries
@@ -38,18 +39,13 @@ def read_codes(file: Path) -> MarkerDictionary:
     Raises ConfigError in one line for anything else.
     """
     try:
-        if file.exists() and not file.is_file():
-            # Opening a pipe would block forever.
-            raise ConfigError(f"{file}: must be a file")
-        with file.open("rb") as opened:
-            data = opened.read(MAX_BYTES + 1)
-        if len(data) > MAX_BYTES:
-            raise ConfigError(f"{file}: must have at most {MAX_BYTES} bytes")
-        text = data.decode()
-    except OSError as error:
-        raise ConfigError(f"{file}: cannot be read: {error.strerror}") from error
+        text = read_limited(file, MAX_BYTES).decode()
     except UnicodeDecodeError as error:
         raise ConfigError(f"{file}: must be UTF-8 text") from error
+    except NotReadableError as error:
+        raise ConfigError(f"{file}: {error}") from error
+    except OSError as error:
+        raise ConfigError(f"{file}: cannot be read: {error.strerror}") from error
     content = _content(file, text)
     count = _number(file, content, "nmarkers", 1, MAX_MARKERS)
     size = _number(file, content, "markersize", MIN_SIZE, MAX_SIZE)
@@ -66,6 +62,8 @@ def _content(file: Path, text: str) -> Mapping[str, Any]:
     """The top level of a file; values are texts in YAML and XML."""
     try:
         if text.lstrip().startswith("<"):
+            if "<!" in text.replace("<!--", ""):
+                raise ValueError("must not have a DOCTYPE")
             parser = etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=False)
             root = etree.fromstring(text.encode(), parser)
             return {str(child.tag): (child.text or "").strip().strip('"') for child in root}

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import json
-from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from urllib.parse import parse_qs
 
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
@@ -16,6 +13,7 @@ from starlette.routing import BaseRoute, Route
 from mazebot.common.config import ConfigError
 from mazebot.common.recordings.labels import Labels, read_labels, relabelled, write_labels
 from mazebot.common.recordings.retention import delete_run
+from mazebot.console.forms import fields_of
 from mazebot.console.gallery.routes import index_of
 from mazebot.console.gallery.run_page import run_of
 from mazebot.console.pages import page, wants_json
@@ -32,7 +30,7 @@ def change_routes() -> list[BaseRoute]:
 
 async def _set_labels(request: Request) -> Response:
     run = await run_of(request)
-    fields = await _fields(request, ("tags", "note"))
+    fields = await fields_of(request, ("tags", "note"))
     tags = fields.get("tags", "").replace(",", " ").split()
     folder = run.path
     try:
@@ -65,7 +63,7 @@ async def _confirm(request: Request) -> Response:
 
 async def _delete(request: Request) -> Response:
     run = await run_of(request)
-    fields = await _fields(request, ("confirm",))
+    fields = await fields_of(request, ("confirm",))
     if fields.get("confirm") != run.name:
         raise HTTPException(422, "to delete a run, `confirm` must be its name")
     if run.state == "running":
@@ -78,39 +76,3 @@ async def _delete(request: Request) -> Response:
     if wants_json(request):
         return JSONResponse({"deleted": run.name})
     return RedirectResponse("/runs", 303)
-
-
-async def _fields(request: Request, known: Sequence[str]) -> Mapping[str, str]:
-    """The fields of a form, or of a JSON object, which may have only the `known` ones.
-
-    Raises HTTPException.
-    """
-    body = await request.body()
-    kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
-    try:
-        if kind == "application/json":
-            content = json.loads(body)
-            if not isinstance(content, dict):
-                raise HTTPException(422, "the body must be a JSON object")
-            _check_known(content, known)
-            return {name: _text(value) for name, value in content.items()}
-        if kind == "application/x-www-form-urlencoded":
-            found = parse_qs(body.decode(), keep_blank_values=True, max_num_fields=20)
-            return {name: values[-1] for name, values in found.items()}
-    except (ValueError, RecursionError):
-        raise HTTPException(400, "the body does not match its content type") from None
-    raise HTTPException(415, "the body must be a form or JSON")
-
-
-def _check_known(names: Iterable[str], known: Sequence[str]) -> None:
-    unknown = ", ".join(f"{name!r:.80}" for name in names if name not in known)
-    if unknown:
-        allowed = " and ".join(f"`{name}`" for name in known)
-        raise HTTPException(400, f"unknown field {unknown:.300}: allowed: {allowed}")
-
-
-def _text(value: object) -> str:
-    """A field as text; the words of a list are joined."""
-    if isinstance(value, list):
-        return " ".join(str(one) for one in value)
-    return str(value)

@@ -12,7 +12,7 @@ import contextlib
 import logging
 import threading
 from collections import OrderedDict, deque
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from typing import Any
 
 from mazebot.common.client.robot import Robot
@@ -28,6 +28,8 @@ PERIOD_S = 0.07
 """Between two pictures: about 14 a second."""
 CAMERA_EVERY = 3
 """Pictures of the feed for one of the camera."""
+_CAMERA_LASTS_S = 1.0
+"""Simulation time, after which a picture shows nothing of now."""
 MAX_PAGES = 32
 LINGER_S = 60.0
 """For so long it goes on without a page."""
@@ -47,6 +49,8 @@ class Outgoing:
         self._events: deque[Frame] = deque(maxlen=MAX_EVENTS)
         self._news = asyncio.Event()
         self.wants_camera = False
+        self.has_camera = False
+        """Whether it has got a picture since it wants them."""
         self.dropped = 0
         """Frames that were replaced or dropped before they were sent."""
 
@@ -90,6 +94,8 @@ class Feed:
         self._rest: asyncio.TimerHandle | None = None
         self._ends: list[Callable[[], None]] = []
         self._camera_ends: Callable[[], None] | None = None
+        self._camera: tuple[float, Frame] | None = None
+        """The last picture, and the simulation's time when it came, s."""
         self._pictures = 0
         self._was_there = False
 
@@ -141,8 +147,9 @@ class Feed:
                         page.offer(frame)
                 for frame in frames:
                     for page in self._pages - self._begun:
-                        if frame.kind != "camera" or page.wants_camera:
+                        if frame.kind != "camera":
                             page.offer(frame)
+                self._offer_camera(frames)
                 self._begun.clear()
         finally:
             end()
@@ -154,6 +161,22 @@ class Feed:
                 self._events.clear()
             # The history stays: it belongs to the run that a later page may find.
             self._view, self._newest = View(self._history), {}
+
+    def _offer_camera(self, frames: Sequence[Frame]) -> None:
+        """Offer a picture to the pages that want it: the newest, and to one that has none yet the
+        last, which is what the camera sees while the simulation is paused.
+        """
+        new = [frame for frame in frames if frame.kind == "camera"]
+        if new:
+            self._camera = self._history.time_s, new[-1]
+        last = self._camera
+        if last is not None and abs(self._history.time_s - last[0]) > _CAMERA_LASTS_S:
+            last = self._camera = None
+        for page in self._pages:
+            if page.wants_camera and last is not None and (new or not page.has_camera):
+                page.offer(last[1])
+                page.has_camera = True
+            page.has_camera &= page.wants_camera
 
     async def _watch_camera(self) -> None:
         wanted = any(page.wants_camera for page in self._pages)
@@ -195,10 +218,11 @@ class Feed:
         if has_gone:
             # Another stack may come, of another world.
             self._history = History()
-            self._view, self._newest = View(self._history), {}
+            self._view, self._newest, self._camera = View(self._history), {}, None
         if has_gone or self._view.restarted:
             # What was latched has come again, or comes soon.
             self._newest = {kind: one for kind, one in self._newest.items() if kind in _LASTING}
+            self._camera = None
             frames.insert(0, text_frame("restarted", {}, is_event=True))
         changed = []
         for frame in frames:

@@ -66,6 +66,11 @@ class History:
         self._time_s = 0.0
         self.clear()
 
+    @property
+    def time_s(self) -> float:
+        """The newest simulation time."""
+        return self._time_s
+
     def clear(self) -> None:
         """Another run begins."""
         self._trails = {"truth": Trail(), "estimate": Trail()}
@@ -75,7 +80,7 @@ class History:
 
     def is_restart(self, stats: SimulationStats) -> bool:
         """Whether the simulation has restarted since the last call."""
-        run, before = (stats.world_hash, stats.epoch), self._run
+        run, before = (stats.world_hash, stats.run_epoch), self._run
         is_back = stats.sim_time_s < self._time_s - _BACK_S
         self._run, self._time_s = run, stats.sim_time_s
         return before is not None and (run != before or is_back)

@@ -24,6 +24,7 @@ from mazebot.console.live.page_messages import (
     read_message,
 )
 from mazebot.console.live.teleoperation import Teleoperation
+from mazebot.console.login import OPERATOR, role_of
 from mazebot.console.pages import page
 from mazebot.console.viewer_assets import live_data_of, viewer_policy, viewer_version
 
@@ -61,7 +62,8 @@ def live_routes(robot: Robot, how_to_start: str = HOW_TO_START) -> list[BaseRout
             await websocket.close(_CLOSE_TOO_MANY, f"{MAX_PAGES} pages are open already")
             return
         async with feed.page() as outgoing:
-            await _Page(robot, websocket, outgoing).serve()
+            may_drive = role_of(websocket.scope) == OPERATOR
+            await _Page(robot, websocket, outgoing, may_drive).serve()
 
     return [Route("/live", show), WebSocketRoute("/live/feed", connect)]
 
@@ -69,8 +71,11 @@ def live_routes(robot: Robot, how_to_start: str = HOW_TO_START) -> list[BaseRout
 class _Page:
     """One open page."""
 
-    def __init__(self, robot: Robot, websocket: WebSocket, outgoing: Outgoing) -> None:
+    def __init__(
+        self, robot: Robot, websocket: WebSocket, outgoing: Outgoing, may_drive: bool
+    ) -> None:
         self._robot = robot
+        self._may_drive = may_drive
         self._websocket = websocket
         self._outgoing = outgoing
         self._teleoperation = Teleoperation(robot)
@@ -139,6 +144,10 @@ class _Page:
             self._answer(_id_of(text), "", str(error))
             return
         action, number = message.action, message.id
+        if not self._may_drive and not isinstance(action, Show | Stop):
+            told = "a viewer may only look on: log in with the operator's token"
+            self._answer(number, "", f"{action.do}: {told}")
+            return
         match action:
             case Drive():
                 try:

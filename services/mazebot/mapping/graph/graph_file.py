@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from mazebot.common.config import ConfigError, must
+from mazebot.common.files.reading import NotReadableError, read_limited, reason
 from mazebot.common.maths import portable
 from mazebot.common.maths.frames import SE2, Array, rotation_from_quaternion
 from mazebot.common.messages.documents import Planar
@@ -182,16 +183,9 @@ def load_graph(path: Path) -> PoseGraph:
     Raises ConfigError in one line with file, field and value, and what would be right.
     """
     try:
-        if not path.is_file():
-            # Opening a pipe would block forever.
-            path.stat()
-            raise ConfigError(f"{path}: must be a file")
-        with path.open("rb") as file:
-            data = file.read(MAX_FILE_BYTES + 1)
-    except OSError as error:
-        raise ConfigError(f"{path}: {error.strerror}") from error
-    if len(data) > MAX_FILE_BYTES:
-        raise ConfigError(f"{path}: must have at most {MAX_FILE_BYTES} bytes")
+        data = read_limited(path, MAX_FILE_BYTES)
+    except (OSError, NotReadableError) as error:
+        raise ConfigError(f"{path}: {reason(error)}") from error
     try:
         document = PoseGraph.model_validate_json(data)
     except ValidationError as error:

@@ -15,6 +15,8 @@ _LEAST, _MOST_SHIFT, _MOST_TURN = 0.02, 1.0, 16.0
 """Factors of the variance that the parameters give. What moves along with the robot passes for bad
 odometry of its ways, so that they never count for less than the parameters give.
 """
+_MOST_EXCESS = 10.0
+"""Of the variance by the parameters, what one scan can show at most."""
 _LEAST_MOTION_M2, _LEAST_MOTION_RAD2 = 1e-7, 1e-7
 """Of a scan with less expected variance nothing is learned: the robot stood."""
 
@@ -83,6 +85,6 @@ def _learnt(
 ) -> tuple[tuple[float, float], float]:
     found, by_parameters = sums
     # One scan far off, as beside something that moves, is weak evidence.
-    found = _MEMORY * found + min(excess, 10.0 * most * expected)
+    found = _MEMORY * found + min(excess, _MOST_EXCESS * expected)
     by_parameters = _MEMORY * by_parameters + expected
     return (found, by_parameters), min(max(found / by_parameters, _LEAST), most)

@@ -153,7 +153,10 @@ def assisted_teleop(time_allowance: float = 30.0) -> SingleAction:
 
 
 def dock_robot(
-    dock_pose: SE2 | None = None, dock_id: str = "", navigate_to_staging_pose: bool = True
+    dock_pose: SE2 | None = None,
+    dock_id: str = "",
+    navigate_to_staging_pose: bool = True,
+    max_staging_time: float = 1000.0,
 ) -> SingleAction:
     """Dock at a pose of the docked robot in the map frame, or at a dock of the database."""
     return SingleAction(
@@ -162,6 +165,7 @@ def dock_robot(
             "use_dock_id": dock_pose is None,
             "dock_id": dock_id,
             "dock_pose": dock_pose,
+            "max_staging_time": max_staging_time,
             "navigate_to_staging_pose": navigate_to_staging_pose,
         },
     )
@@ -189,6 +193,8 @@ class TaskFeedback:
     number_of_poses_remaining: int = 0
     waypoint_statuses: Statuses = ()
     current_waypoint: int = 0
+    number_of_loops: int = 0
+    """Rounds of FollowWaypoints after the current one."""
     motion: float = 0.0
     """Angle turned, distance driven, time left or time run, of a behaviour."""
     docking_state: DockState = DockState.NONE

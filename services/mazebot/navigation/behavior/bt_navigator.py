@@ -53,7 +53,7 @@ from mazebot.navigation.errors import NavigationError
 
 _LOG = logging.getLogger("navigation")
 
-Hold = Literal["", "paused", "lost"]
+Hold = Literal["", "paused", "lost", "gives way"]
 
 
 class BtNavigatorParams(Params):
@@ -156,6 +156,8 @@ class BtNavigator:
         self._running: _Running | None = None
         self._paused = False
         self._last_ns: int | None = None
+        self.gives_way = False
+        """Whether the robot gets out of something's way: the caller drives it meanwhile."""
         self.hold: Hold = ""
         """Why the task stood still in the last step."""
 
@@ -169,8 +171,11 @@ class BtNavigator:
         """Whether the task is paused."""
         return self._paused
 
-    def start(self, now_ns: int, request: Request) -> TaskResult | None:
+    def start(
+        self, now_ns: int, request: Request, start_ns: int | None = None
+    ) -> TaskResult | None:
         """Begin a request in place of the one before; returns the result of that one, if any.
+        `start_ns`: when it was begun by another process; None: now.
 
         A new goal of NavigateToPose or NavigateThroughPoses with the same tree replaces the old one
         without a stop. Raises NavigationError where the goal is refused: an occupied or unreachable
@@ -188,7 +193,7 @@ class BtNavigator:
             return preempted
         task = self._task(request)
         ended = self._end(now_ns, _PREEMPTED) if running is not None else None
-        self._running = _Running(request, task, now_ns)
+        self._running = _Running(request, task, now_ns if start_ns is None else start_ns)
         self._paused = False
         self._log_begin(request)
         return ended
@@ -248,7 +253,7 @@ class BtNavigator:
             return "paused"
         if running.task.needs_localization and not self._context.is_localized():
             return "lost"
-        return ""
+        return "gives way" if self.gives_way else ""
 
     def _check_lost(self, now_ns: int, running: _Running) -> TaskResult | None:
         if self.hold != "lost":

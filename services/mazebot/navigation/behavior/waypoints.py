@@ -241,6 +241,7 @@ class FollowWaypointsTask:
             of_drive,
             action=FollowWaypoints.action,
             current_waypoint=self.current_waypoint,
+            number_of_loops=self._rounds_left,
             number_of_recoveries=self._recoveries + of_drive.number_of_recoveries,
             number_of_poses_remaining=len(self._request.poses) - self.current_waypoint,
             waypoint_statuses=self.statuses(),

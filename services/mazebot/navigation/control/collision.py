@@ -29,6 +29,14 @@ class Velocity(NamedTuple):
 
 
 STOP = Velocity(0.0, 0.0)
+_STANDS: Final = Velocity(0.01, 0.05)
+"""Of a robot that stands odometry measures no more."""
+
+
+def stands(measured: Velocity) -> bool:
+    """Whether the robot stands, by its measured velocity."""
+    return all(abs(speed) <= limit for speed, limit in zip(measured, _STANDS, strict=True))
+
 
 ECHO_SLACK_M: Final = 0.01
 """Standard deviation of the lidar's noise: an echo this much nearer than before is no approach."""

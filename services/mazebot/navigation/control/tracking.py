@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from pydantic import Field
 from mazebot.common.config import Params
 from mazebot.common.maths.frames import Array
 from mazebot.common.maths.kernels import kernel
+from mazebot.navigation.control.ray_evidence import RayMemory, Rays, edges_in_sight
 from mazebot.navigation.control.track import Track
 from mazebot.navigation.costmap.footprint import Distance, distance_at
 from mazebot.navigation.costmap.layered_costmap import GridFrame
@@ -23,6 +25,7 @@ _GATE = 9.2
 _MOST_CLUSTERS = 64
 _RESTART_S = 0.6
 """What has moved before and comes far enough within this time moves again."""
+_REMEMBERED_S = 2.0
 _STOPPING = 0.7
 _BEFORE_WALL_M = 0.2
 _FAR_S = 1.0
@@ -72,6 +75,15 @@ class TrackerParams(Params):
     )
 
 
+class _Place(NamedTuple):
+    """Where a track was at a time, and its echoes."""
+
+    stamp_s: float
+    x: float
+    y: float
+    points_m: Array
+
+
 @dataclass(slots=True)
 class _Filter:
     """One obstacle. Both axes have the same noise, so that they share one covariance."""
@@ -88,8 +100,8 @@ class _Filter:
     p_vv: float = 0.25
     hits: int = 1
     misses: int = 0
-    places: list[tuple[float, float, float]] = field(default_factory=list)
-    """Time, x and y of the last two seconds."""
+    places: list[_Place] = field(default_factory=list)
+    """Where it was in the last two seconds."""
     came_far: bool = False
     fast_s: float = -math.inf
     """When it last was fast."""
@@ -148,10 +160,12 @@ class ObstacleTracker:
         self._filters: list[_Filter] = []
         self._count = 0
         self._stamp_s: float | None = None
+        self._rays = RayMemory(_REMEMBERED_S)
 
     def clear(self) -> None:
         """Forget all tracks, e.g. after a jump of the pose."""
         self._filters, self._stamp_s = [], None
+        self._rays.clear()
 
     def update(
         self,
@@ -160,6 +174,7 @@ class ObstacleTracker:
         static_distance_m: Distance,
         frame: GridFrame,
         static_margin_m: float = math.inf,
+        rays: Rays | None = None,
     ) -> NDArray[np.bool_]:
         """Take a scan.
 
@@ -170,6 +185,7 @@ class ObstacleTracker:
             frame: of that map.
             static_margin_m: instead of the parameter where it is less: the better the pose is
                 known, the nearer to walls obstacles are seen.
+            rays: the scan that the points are of; None: what seems to move does.
 
         Returns (n,): points that belong to an obstacle that moves, which should not be marked in a
         costmap.
@@ -180,7 +196,10 @@ class ObstacleTracker:
             return nothing
         if self._stamp_s is None or stamp_s - self._stamp_s > _FAR_S:
             self._filters = []
+            self._rays.clear()
         self._stamp_s = stamp_s
+        if rays is not None:
+            self._rays.take(rays)
         labels = np.empty(len(points_m), np.int64)
         discs = np.zeros((_MOST_CLUSTERS, 4))
         count = _clusters(
@@ -201,8 +220,14 @@ class ObstacleTracker:
             track = next((each for each in self._filters if each.number == number), None)
             if track is not None:
                 track.at_wall = self._is_at_wall(track, static_distance_m, frame)
-                if self._note_motion(track, stamp_s):
-                    nothing |= labels == cluster
+                of_it = labels == cluster
+                track.places = [*(t for t in track.places if t.stamp_s > stamp_s - _REMEMBERED_S)]
+                track.places.append(_Place(stamp_s, track.x, track.y, points_m[of_it]))
+                in_sight = rays is None or bool(
+                    edges_in_sight(points_m, labels, cluster, *map(float, rays.map_from_scan[:2]))
+                )
+                if self._note_motion(track, stamp_s, in_sight, rays is not None):
+                    nothing |= of_it
         return nothing
 
     def _associate(
@@ -237,15 +262,18 @@ class ObstacleTracker:
                 cluster_of[made.number] = cluster
         return cluster_of
 
-    def _note_motion(self, track: _Filter, stamp_s: float) -> bool:
-        """Remember where it was; whether it moves."""
+    def _note_motion(self, track: _Filter, stamp_s: float, in_sight: bool, by_rays: bool) -> bool:
+        """Note whether it moved; whether it moves."""
         p = self._params
-        track.places = [*(t for t in track.places if t[0] > stamp_s - 2.0)]
-        track.places.append((stamp_s, track.x, track.y))
         since_s = stamp_s - _RESTART_S if track.came_far else -math.inf
-        far_m = max(math.hypot(track.x - x, track.y - y) for t, x, y in track.places if t > since_s)
+        recent = (place for place in track.places if place.stamp_s > since_s)
+        far_m = max(math.hypot(track.x - one.x, track.y - one.y) for one in recent)
         needed_m = p.restart_displacement if track.came_far else p.moving_displacement
-        if track.speed > p.moving_speed and far_m > needed_m:
+        comes_far = track.speed > p.moving_speed and far_m > needed_m
+        # What has moved before and is seen whole needs no more proof.
+        if comes_far and by_rays and not (track.came_far and in_sight):
+            comes_far = self._has_moved(track)
+        if comes_far:
             track.came_far, track.fast_s = True, stamp_s
             onward = track.vx * track.fast_vx + track.vy * track.fast_vy
             before = track.fast_vx * track.fast_vx + track.fast_vy * track.fast_vy
@@ -253,6 +281,12 @@ class ObstacleTracker:
             if not 0.0 < onward < _STOPPING * before:
                 track.fast_vx, track.fast_vy = track.vx, track.vy
         return self._moves(track)
+
+    def _has_moved(self, track: _Filter) -> bool:
+        """Whether the rays say that it is elsewhere than where it was farthest away."""
+        now = track.places[-1]
+        before = max(track.places, key=lambda one: math.hypot(track.x - one.x, track.y - one.y))
+        return self._rays.has_moved(before.stamp_s, before.points_m, now.points_m)
 
     def _is_at_wall(self, track: _Filter, distance_m: Distance, frame: GridFrame) -> bool:
         """Whether the way that it came ends just before it."""

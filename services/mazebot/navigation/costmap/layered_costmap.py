@@ -1,12 +1,16 @@
-"""The global costmap: a static layer from the map, an obstacle layer from the scan, inflation, and
-keepout zones, as in Nav2; and the rolling local one, of the same layers without the map.
+"""The global costmap: a static layer from the map, an obstacle layer from the scan, others from
+what the scan does not show, inflation and keepout zones, as in Nav2; and the rolling local one, of
+the same layers without the map.
 """
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import replace
 
-from mazebot.common.maths.frames import SE2
+import numpy as np
+from numpy.typing import NDArray
+
+from mazebot.common.maths.frames import SE2, Array
 from mazebot.common.messages.scan import Scan
 from mazebot.common.world.costmap import Cells, Clearance, Mask
 from mazebot.navigation.costmap.costmap import (
@@ -84,6 +88,12 @@ class LayeredCostmap:
         self._static_params = static
         self._footprint = footprint
         self._obstacles = ObstacleLayer(frame.rows, frame.columns, obstacle)
+        # A ray of the lidar passes above or below what these have, and clears none of it.
+        self._seen_low = ObstacleLayer(frame.rows, frame.columns, obstacle, obstacle.depth)
+        self._touched = ObstacleLayer(frame.rows, frame.columns, obstacle, obstacle.depth)
+        self._layers = self._obstacles, self._seen_low, self._touched
+        self._all_marked: Mask | None = None
+        """(rows, columns) marks of all layers; None: the lidar's are all."""
         self._zones = _NO_ZONES
         self.revision = 0
         """Increases with every change of the master costmap."""
@@ -103,12 +113,14 @@ class LayeredCostmap:
         if before.resolution_m == resolution_m:
             row = round((before.origin_y_m - frame.origin_y_m) / resolution_m)
             column = round((before.origin_x_m - frame.origin_x_m) / resolution_m)
-            self._obstacles.resize(frame.rows, frame.columns, row, column)
         else:
-            self._obstacles.resize(frame.rows, frame.columns, frame.rows, frame.columns)
+            row, column = frame.rows, frame.columns
+        for layer in self._layers:
+            layer.resize(frame.rows, frame.columns, row, column)
         self._zones = _NO_ZONES
         self._place(frame, cells)
-        self._obstacles.marked[self.static.distance_m <= static_margin_m] = False
+        for layer in self._layers:
+            layer.marked[self.static.distance_m <= static_margin_m] = False
         self._combine(None)
 
     def _place(self, frame: GridFrame, cells: Cells) -> None:
@@ -145,6 +157,20 @@ class LayeredCostmap:
             static_margin_m: instead of the parameter, where the error of the pose is known: the
                 better it is, the nearer to walls things are marked.
         """
+        changed = self._observe(map_from_scan, scan, map_from_base, moving_m, static_margin_m)
+        if changed is not None:
+            self._combine(changed)
+        return changed is not None
+
+    def _observe(
+        self,
+        map_from_scan: SE2,
+        scan: Scan,
+        map_from_base: SE2 | None,
+        moving_m: Moving = NOTHING_MOVES,
+        static_margin_m: float | None = None,
+    ) -> Window | None:
+        """Mark and clear; the window of cells of which a layer changed, if any. See `update`."""
         resolution_m = self.frame.resolution_m
         moving = np.array(moving_m, np.float64).reshape(-1, 3)
         moving[:, 0] -= self.frame.origin_x_m
@@ -156,19 +182,121 @@ class LayeredCostmap:
         )  # fmt: skip
         if map_from_base is not None:
             column, row = self.frame.place(map_from_base.x_m, map_from_base.y_m)
-            under = self._obstacles.clear_footprint(
-                self._footprint, column, row, map_from_base.yaw_rad, resolution_m
-            )
-            changed = _joined(changed, under)
+            for layer in self._layers:
+                if layer is self._obstacles or not layer.is_empty:
+                    under = layer.clear_footprint(
+                        self._footprint, column, row, map_from_base.yaw_rad, resolution_m
+                    )
+                    changed = _union(changed, under)
+        return changed
+
+    def update_seen_low(
+        self,
+        map_from_camera: SE2,
+        scan: Scan,
+        marks: NDArray[np.bool_],
+        static_margin_m: float | None = None,
+    ) -> bool:
+        """Mark and clear by the scan of a depth image. True if the costmap changed.
+
+        Args:
+            map_from_camera: the camera's pose at the image.
+            scan: the nearest things between floor and the robot's top.
+            marks: (n,) which of its beams show something that the lidar does not; what it shows, it
+                marks, and clears when that moves away behind the camera's back.
+            static_margin_m: as for `update`.
+        """
+        if self._seen_low.is_empty and not marks.any():
+            return False
+        column, row = self.frame.place(map_from_camera.x_m, map_from_camera.y_m)
+        changed = self._seen_low.update(
+            scan, (column, row, map_from_camera.yaw_rad), self.frame.resolution_m,
+            self._walls_m(), NOTHING_MOVES, static_margin_m, marks,
+        )  # fmt: skip
         if changed is not None:
             self._combine(changed)
         return changed is not None
 
+    def mark_low(self, points_m: Array) -> None:
+        """Mark (n, 2) places where the camera has seen something."""
+        self._mark(self._seen_low, points_m)
+
+    def mark_touched(self, points_m: Array) -> None:
+        """Mark (n, 2) places where something is that no sensor shows: no ray clears them."""
+        self._mark(self._touched, points_m)
+
+    def _mark(self, layer: ObstacleLayer, points_m: Array) -> None:
+        changed = layer.mark(self._cells(points_m))
+        if changed is not None:
+            self._combine(changed)
+
+    def _cells(self, points_m: Array) -> NDArray[np.int64]:
+        """(n, 2) row and column of (n, 2) places, also outside the grid."""
+        origin_m = np.array([self.frame.origin_x_m, self.frame.origin_y_m])
+        cells = np.floor((points_m - origin_m) / self.frame.resolution_m).astype(np.int64)
+        return np.ascontiguousarray(cells[:, ::-1])
+
+    def shows_low(self, points_m: Array) -> NDArray[np.bool_]:
+        """(n,) whether (n, 2) places are in cells where the camera sees something."""
+        rows, columns = self._cells(points_m).T
+        marked = self._seen_low.marked
+        inside = (rows >= 0) & (columns >= 0) & (rows < marked.shape[0])
+        inside &= columns < marked.shape[1]
+        found = np.zeros(len(points_m), np.bool_)
+        found[inside] = marked[rows[inside], columns[inside]]
+        return found
+
     def clear(self) -> None:
         """Clear every obstacle that is not on the map, as Nav2's clear_entirely service does."""
+        for layer in self._layers:
+            changed = layer.clear()
+            if changed is not None:
+                self._combine(changed)
+
+    def clear_scanned(self) -> None:
+        """Clear what the lidar has marked: it is marked again if it is there. What only the camera
+        has seen may be too near to be seen again.
+        """
         changed = self._obstacles.clear()
         if changed is not None:
             self._combine(changed)
+
+    def clear_hidden(self) -> None:
+        """Clear what the lidar does not show."""
+        for layer in (self._seen_low, self._touched):
+            changed = layer.clear()
+            if changed is not None:
+                self._combine(changed)
+
+    def hold(self, x_m: float, y_m: float, radius_m: float, pinned: bool) -> None:
+        """Keep the obstacles in a circle until rays pass where they are: neither time nor a request
+        to clear the costmap makes them forgotten. Pinned ones are not even cleared by rays.
+        """
+        side_m = self.frame.resolution_m
+        self._obstacles.hold(*self.frame.place(x_m, y_m), radius_m / side_m, pinned)
+
+    def release(self) -> None:
+        """Hold nothing any more."""
+        self._obstacles.release()
+
+    def close_gap(self, a_m: tuple[float, float], b_m: tuple[float, float]) -> None:
+        """Mark the line between two points, until `open_gap`."""
+        changed = self._obstacles.pin(self._line(a_m, b_m))
+        if changed is not None:
+            self._combine(changed)
+
+    def open_gap(self, a_m: tuple[float, float], b_m: tuple[float, float]) -> None:
+        """Clear the line between two points. What stands there is marked again when it is seen."""
+        changed = self._obstacles.release(self._line(a_m, b_m))
+        if changed is not None:
+            self._combine(changed)
+
+    def _line(self, a_m: tuple[float, float], b_m: tuple[float, float]) -> NDArray[np.int64]:
+        """(n, 2) cells, row and column, between two points."""
+        a, b = (np.array(self.frame.place(*end)[::-1]) for end in (a_m, b_m))
+        count = int(4.0 * np.abs(b - a).max()) + 1
+        steps = np.arange(count + 1) / count
+        return np.unique(np.floor(a + steps[:, None] * (b - a)).astype(np.int64), axis=0)
 
     def clear_around(self, pose: SE2, reset_distance_m: float) -> None:
         """Clear the obstacles in a square around a pose, as Nav2's clear_around service does.
@@ -205,7 +333,7 @@ class LayeredCostmap:
         whole = 0, self.frame.rows, 0, self.frame.columns
         static, master = self._blank(), self._blank()
         nothing = np.zeros(self._base.shape, np.bool_)
-        for costmap, marked in ((static, nothing), (master, self._obstacles.marked)):
+        for costmap, marked in ((static, nothing), (master, self._marked())):
             self._compose(costmap, marked, whole, zone_costs)
         return static, master
 
@@ -222,6 +350,23 @@ class LayeredCostmap:
         if changed is not None:
             self._combine(changed)
 
+    def _marked(self) -> Mask:
+        return self._obstacles.marked if self._all_marked is None else self._all_marked
+
+    def _join(self, window: Window) -> None:
+        """Bring the marks of all layers up to date in a window."""
+        others = [layer.marked for layer in self._layers[1:] if not layer.is_empty]
+        if not others:
+            self._all_marked = None
+            return
+        if self._all_marked is None:
+            self._all_marked = np.zeros_like(self._obstacles.marked)
+            window = 0, self.frame.rows, 0, self.frame.columns
+        at = np.s_[window[0] : window[1], window[2] : window[3]]
+        self._all_marked[at] = self._obstacles.marked[at]
+        for marked in others:
+            self._all_marked[at] |= marked[at]
+
     def _blank(self) -> Costmap:
         shape = self.frame.rows, self.frame.columns
         return Costmap(
@@ -235,6 +380,8 @@ class LayeredCostmap:
 
     def _combine(self, changed: Window | None) -> None:
         """Recompute the master costmap within reach of what changed; None: all of it."""
+        if changed is None:
+            self._all_marked = None
         rows, columns = self.frame.rows, self.frame.columns
         row0, row1, column0, column1 = changed or (0, rows, 0, columns)
         reach = self._inflation.reach
@@ -242,7 +389,8 @@ class LayeredCostmap:
             max(row0 - reach, 0), min(row1 + reach, rows),
             max(column0 - reach, 0), min(column1 + reach, columns),
         )  # fmt: skip
-        self._compose(self.master, self._obstacles.marked, window)
+        self._join(window)
+        self._compose(self.master, self._marked(), window)
         self.revision += 1
 
     def _compose(
@@ -290,26 +438,41 @@ class LocalCostmap(LayeredCostmap):
 
     def move(self, odom_from_base: SE2) -> None:
         """Move the window so that the robot is in its middle, by whole cells."""
+        if self._shift(odom_from_base):
+            self._combine(None)
+
+    def follow(self, odom_from_base: SE2, scan: Scan) -> None:
+        """Move the window as the robot has moved, and update it by the scan taken there."""
+        moved = self._shift(odom_from_base)
+        changed = self._observe(odom_from_base @ scan.base_from_scan, scan, odom_from_base)
+        if moved:
+            self._combine(None)
+        elif changed is not None:
+            self._combine(changed)
+
+    def _shift(self, odom_from_base: SE2) -> bool:
+        """Move the layers; whether they had to be, so that all of the costmap is to be computed."""
         frame = self.frame
         column = round(odom_from_base.x_m / frame.resolution_m) - frame.columns // 2
         row = round(odom_from_base.y_m / frame.resolution_m) - frame.rows // 2
         if (column, row) == (self._column, self._row):
-            return
-        self._obstacles.roll(row - self._row, column - self._column)
+            return False
+        for layer in self._layers:
+            layer.roll(row - self._row, column - self._column)
         self._column, self._row = column, row
         self.frame = GridFrame(
             frame.resolution_m, column * frame.resolution_m, row * frame.resolution_m,
             frame.rows, frame.columns,
         )  # fmt: skip
-        self.static, self.master = self._blank(), self._blank()
-        self._combine_static()
-        self._combine(None)
+        # There is no map: what is static is the same everywhere.
+        self.static, self.master = replace(self.static, frame=self.frame), self._blank()
+        return True
 
     def _walls_m(self) -> Clearance | None:
         return None
 
 
-def _joined(one: Window | None, other: Window | None) -> Window | None:
+def _union(one: Window | None, other: Window | None) -> Window | None:
     if one is None or other is None:
         return one or other
     return (

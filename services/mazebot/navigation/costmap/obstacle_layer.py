@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import Final, TypeVar
+from typing import Final, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from pydantic import Field
 from mazebot.common.config import Params
 from mazebot.common.maths import portable_kernels
 from mazebot.common.maths.frames import Array
-from mazebot.common.maths.kernels import kernel
+from mazebot.common.maths.kernels import kernel, shared_kernel
 from mazebot.common.messages.scan import Scan
 from mazebot.common.world.costmap import Clearance, Mask
 from mazebot.navigation.costmap.footprint import Footprint, distance_at, signed_distance_m
@@ -37,13 +37,23 @@ _MOST_SCORE: Final = 8
 many more for each scan that marked them again: what moves leaves no trail, and a thin post, which
 most rays miss, does not flicker.
 """
+_HALF_DIAGONAL: Final = 0.7072
+"""Of a cell, in cells, rounded up"""
+_TURN_RAD: Final = 2.0 * math.pi
 _DECAY_CHECK_NS: Final = 1_000_000_000
+HELD: Final = 1
+"""Of a cell: its mark is cleared only by rays that pass it,"""
+PINNED: Final = 2
+"""or by nothing."""
+GAP: Final = 3
+"""As PINNED, and no echo: it lies across a gap that is too narrow."""
 
 D = TypeVar("D", bound=np.generic)
 
 Moving = Array
 """(n, 3) circles of things that move: x, y, radius in metres, in the layer's frame."""
 NOTHING_MOVES: Final[Moving] = np.empty((0, 3))
+ALL_MARK: Final[NDArray[np.bool_]] = np.empty(0, np.bool_)
 
 
 class ScanSourceParams(Params):
@@ -61,12 +71,26 @@ class ScanSourceParams(Params):
     )
     raytrace_min_range: float = Field(0.0, ge=0, description="m; rays clear nothing nearer")
     inf_is_valid: bool = Field(True, description="whether a ray without a return clears")
+    marking: bool = Field(True, description="whether returns mark obstacles")
+    clearing: bool = Field(True, description="whether rays clear obstacles")
+
+
+class DepthSourceParams(ScanSourceParams):
+    """How the depth camera's scan marks and clears. Perception's `depth_scan` has the heights."""
+
+    obstacle_max_range: float = Field(
+        3.0, gt=0, description="m; returns nearer than this mark obstacles"
+    )
 
 
 class ObstacleParams(Params):
     """Names as in Nav2's obstacle layer."""
 
+    observation_sources: tuple[Literal["scan", "depth"], ...] = Field(
+        ("scan", "depth"), description="sensors that mark and clear, each its own marks"
+    )
     scan: ScanSourceParams = ScanSourceParams()
+    depth: DepthSourceParams = DepthSourceParams()
     footprint_clearing_enabled: bool = Field(
         True, description="whether the robot's own place is free"
     )
@@ -78,25 +102,48 @@ class ObstacleParams(Params):
         "it has to be nearer",
     )
     decay_time: float = Field(
-        30.0, ge=0, description="s; marks not seen again for this long are forgotten; 0: never"
+        30.0,
+        ge=0,
+        description="s; marks of the scan that are not seen again for this long are forgotten; "
+        "0: never",
     )
 
 
 class ObstacleLayer:
-    """The marks on a grid of (rows, columns)."""
+    """The marks of one source on a grid of (rows, columns)."""
 
-    def __init__(self, rows: int, columns: int, params: ObstacleParams) -> None:
+    def __init__(
+        self,
+        rows: int,
+        columns: int,
+        params: ObstacleParams,
+        source: ScanSourceParams | None = None,
+    ) -> None:
+        """`source`: None: the lidar's. Of others what no ray has passed is never forgotten, and no
+        ray alone clears: they look elsewhere for long, and not at all at what is near.
+        """
         self._params = params
+        self._source = params.scan if source is None else source
+        if source is None and "scan" not in params.observation_sources:
+            self._source = params.scan.model_copy(update={"marking": False, "clearing": False})
+        self._looks_around = source is None
         self.marked: Mask = np.zeros((rows, columns), np.bool_)
         self._score = np.zeros((rows, columns), np.uint8)
         """Rays that have to pass a marked cell before it is cleared."""
         self._seen = np.zeros((rows, columns), np.int32)
         """Number of the scan in which a marked cell had its last echo."""
+        self._held = np.zeros((rows, columns), np.uint8)
+        """HELD or PINNED cells."""
         self._scans = 0
         self._times: deque[tuple[int, int]] = deque()
         """Time and number of a scan, each second."""
         self._extent: Window = (rows, 0, columns, 0)
         """No cell outside it is marked."""
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether surely nothing is marked."""
+        return self._extent[0] >= self._extent[1]
 
     def update(
         self,
@@ -106,6 +153,7 @@ class ObstacleLayer:
         static_distance_m: Clearance | None,
         moving_cells: Moving,
         static_margin_m: float | None = None,
+        marks: NDArray[np.bool_] = ALL_MARK,
     ) -> Window | None:
         """Mark and clear; the window of cells that changed, if any.
 
@@ -118,29 +166,90 @@ class ObstacleLayer:
             moving_cells: (n, 3) circles, column, row and radius in cells, that are not to be
                 marked.
             static_margin_m: instead of the parameter.
+            marks: (n,) whether the echo of a ray is to be marked; none: all are.
         """
         rows, columns = self.marked.shape
         changed = np.array([rows, 0, columns, 0])
-        params = self._params
+        params, source = self._params, self._source
         self._scans += 1
         no_map = np.empty((0, 0), np.float32)
         _mark_and_clear(
-            self.marked, self._score, self._seen, changed,
+            self.marked, self._score, self._seen, self._held, changed,
             no_map if static_distance_m is None else static_distance_m,
             float(params.static_margin if static_margin_m is None else static_margin_m),
             # A copy: a kernel is compiled again for a read-only array.
             np.array(scan.ranges_m, np.float32),
             float(scan.angle_min_rad + sensor[2]), float(scan.angle_increment_rad),
-            float(max(scan.range_min_m, params.scan.obstacle_min_range)),
-            float(params.scan.obstacle_max_range),
-            float(max(scan.range_min_m, params.scan.raytrace_min_range)),
-            float(max(params.scan.raytrace_max_range, params.scan.obstacle_max_range)),
-            bool(params.scan.inf_is_valid),
+            float(max(scan.range_min_m, source.obstacle_min_range)),
+            float(source.obstacle_max_range if source.marking else 0.0),
+            float(max(scan.range_min_m, source.raytrace_min_range)),
+            float(max(source.raytrace_max_range, source.obstacle_max_range))
+            if source.clearing else -1.0,
+            bool(source.inf_is_valid),
             float(sensor[0]), float(sensor[1]), float(resolution_m), self._scans,
-            np.array(moving_cells, np.float64).reshape(-1, 3),
+            np.array(moving_cells, np.float64).reshape(-1, 3), marks, self._looks_around,
         )  # fmt: skip
         self._note(changed)
-        self._decay(scan.stamp_ns, changed)
+        if self._looks_around:
+            self._decay(scan.stamp_ns, changed)
+        elif changed[0] < changed[1] and not self.marked.any():
+            self._extent = (rows, 0, columns, 0)
+        return _window(changed)
+
+    def mark(self, cells: NDArray[np.int64]) -> Window | None:
+        """Mark (n, 2) cells, row and column, those outside the grid left out."""
+        rows, columns = self.marked.shape
+        inside = (cells >= 0).all(axis=1) & (cells[:, 0] < rows) & (cells[:, 1] < columns)
+        cells = cells[inside]
+        if not len(cells):
+            return None
+        self.marked[cells[:, 0], cells[:, 1]] = True
+        (row0, column0), (row1, column1) = cells.min(axis=0), cells.max(axis=0)
+        changed = np.array([row0, row1 + 1, column0, column1 + 1])
+        self._note(changed)
+        return _window(changed)
+
+    def hold(self, column: float, row: float, radius: float, pinned: bool) -> None:
+        """Keep the marks in a circle, in cells, until rays pass them, or for good; also those that
+        come later, if not for good.
+        """
+        rows, columns = self._held.shape
+        row0, row1 = max(math.floor(row - radius), 0), min(math.ceil(row + radius), rows)
+        column0 = max(math.floor(column - radius), 0)
+        column1 = min(math.ceil(column + radius), columns)
+        if row0 >= row1 or column0 >= column1:
+            return
+        r, c = np.ogrid[row0:row1, column0:column1]
+        down, right = r + 0.5 - row, c + 0.5 - column
+        inside = down * down + right * right <= radius * radius
+        held = self._held[row0:row1, column0:column1]
+        held[inside] = np.maximum(held[inside], HELD)
+        if pinned:
+            marked = inside & self.marked[row0:row1, column0:column1]
+            held[marked] = np.maximum(held[marked], PINNED)
+
+    def pin(self, cells: NDArray[np.int64]) -> Window | None:
+        """Mark (n, 2) cells, row and column, until they are released."""
+        changed = np.array([self.marked.shape[0], 0, self.marked.shape[1], 0])
+        rows, columns = self.marked.shape
+        for r, c in cells.tolist():
+            if 0 <= r < rows and 0 <= c < columns:
+                self.marked[r, c], self._held[r, c] = True, GAP
+                self._seen[r, c] = self._scans
+                _include(changed, r, c)
+        self._note(changed)
+        return _window(changed)
+
+    def release(self, cells: NDArray[np.int64] | None = None) -> Window | None:
+        """Hold nothing any more but gaps; or clear (n, 2) cells of a gap."""
+        changed = np.array([self.marked.shape[0], 0, self.marked.shape[1], 0])
+        rows, columns = self.marked.shape
+        if cells is None:
+            self._held[self._held < GAP] = 0
+        for r, c in () if cells is None else cells.tolist():
+            if 0 <= r < rows and 0 <= c < columns:
+                self.marked[r, c], self._held[r, c] = False, 0
+                _include(changed, r, c)
         return _window(changed)
 
     def clear_footprint(
@@ -158,11 +267,14 @@ class ObstacleLayer:
         return _window(changed)
 
     def clear(self) -> Window | None:
-        """Clear every mark."""
+        """Clear every mark that is not held."""
         window = _window(np.array(self._extent))
-        if window is not None:
-            self.marked[window[0] : window[1], window[2] : window[3]] = False
-        self._extent = (self.marked.shape[0], 0, self.marked.shape[1], 0)
+        if window is None:
+            return None
+        part = np.s_[window[0] : window[1], window[2] : window[3]]
+        self.marked[part] &= self._held[part] > 0
+        if not self.marked[part].any():
+            self._extent = (self.marked.shape[0], 0, self.marked.shape[1], 0)
         return window
 
     def clear_square(self, square: Window, inside: bool) -> Window | None:
@@ -172,10 +284,10 @@ class ObstacleLayer:
             return None
         row0, row1, column0, column1 = (max(0, end) for end in square)
         if inside:
-            self.marked[row0:row1, column0:column1] = False
+            self.marked[row0:row1, column0:column1] &= self._held[row0:row1, column0:column1] > 0
             return _window(np.array([row0, min(row1, len(self.marked)), column0, column1]))
         kept = self.marked[row0:row1, column0:column1].copy()
-        self.marked[:] = False
+        self.marked &= self._held > 0
         self.marked[row0:row1, column0:column1] = kept
         return extent
 
@@ -199,11 +311,14 @@ class ObstacleLayer:
         self.marked = resized(self.marked)
         self._score = resized(self._score)
         self._seen = resized(self._seen)
+        self._held = resized(self._held)
         self._extent = (0, rows, 0, columns)
 
     def roll(self, down: int, right: int) -> None:
         """Move the grid's origin by whole rows and columns; what leaves it is forgotten."""
-        for array in (self.marked, self._score, self._seen):
+        if self.is_empty and not self._held.any():
+            return
+        for array in (self.marked, self._score, self._seen, self._held):
             moved = np.zeros_like(array)
             rows, columns = array.shape
             if abs(down) < rows and abs(right) < columns:
@@ -232,7 +347,7 @@ class ObstacleLayer:
         if decay_ns <= 0.0 or now_ns - times[0][0] < decay_ns:
             return
         extent = np.array(self._extent)
-        _forget(self.marked, self._seen, times.popleft()[1], extent, changed)
+        _forget(self.marked, self._seen, self._held, times.popleft()[1], extent, changed)
         self._extent = _ends(extent)
 
 
@@ -246,13 +361,13 @@ def _window(changed: NDArray[np.int64]) -> Window | None:
     return (row0, row1, column0, column1) if row0 < row1 and column0 < column1 else None
 
 
-@kernel()
+@shared_kernel(inline=True)
 def _include(window: NDArray[np.int64], row: int, column: int) -> None:
     window[0], window[1] = min(window[0], row), max(window[1], row + 1)
     window[2], window[3] = min(window[2], column), max(window[3], column + 1)
 
 
-@kernel()
+@shared_kernel(inline=True)
 def _mark(
     marked: Mask,
     score: NDArray[np.uint8],
@@ -269,6 +384,9 @@ def _mark(
     rows, columns = marked.shape
     if not (0.0 <= row < rows and 0.0 <= column < columns):
         return
+    r, c = int(row), int(column)
+    if marked[r, c] and seen[r, c] == number:
+        return
     if static_distance_m.size > 0:
         if distance_at(static_distance_m, column, row) <= static_margin_m:
             return
@@ -276,14 +394,80 @@ def _mark(
         dx, dy = column - moving[i, 0], row - moving[i, 1]
         if dx * dx + dy * dy <= moving[i, 2] * moving[i, 2]:
             return
-    r, c = int(row), int(column)
     if not marked[r, c]:
         marked[r, c] = True
         score[r, c] = 1
         _include(changed, r, c)
-    elif seen[r, c] != number:
+    else:
         score[r, c] = min(score[r, c] + _AGAIN, _MOST_SCORE)
     seen[r, c] = number
+
+
+@shared_kernel()
+def _any_marked(row: NDArray[np.uint8]) -> bool:
+    """In a form that compiles to vector instructions."""
+    found = np.uint8(0)
+    for i in range(row.size):
+        found |= row[i]
+    return bool(found)
+
+
+@shared_kernel()
+def _is_cleared(
+    row: int,
+    column: int,
+    score: NDArray[np.uint8],
+    ray: Array,
+    last: NDArray[np.int64],
+    ranges_m: NDArray[np.float32],
+    first: int,
+    first_angle_rad: float,
+    increment_rad: float,
+    sensor_column: float,
+    sensor_row: float,
+    one_clears: bool,
+) -> bool:
+    """Whether rays clear a marked cell, of which each that passes it lowers the score.
+
+    A ray passes it where one of its steps, a cell long, ends in it: only those steps and rays are
+    looked at that can, by the cell's distance and bearing.
+    """
+    dx, dy = column + 0.5 - sensor_column, row + 0.5 - sensor_row
+    away = math.sqrt(dx * dx + dy * dy)
+    begin = max(math.ceil(away - _HALF_DIAGONAL), first)
+    end = math.floor(away + _HALF_DIAGONAL) + 1
+    bearing, across, turns0, turns1 = 0.0, np.inf, 0, 1
+    if away >= 2.0 * _HALF_DIAGONAL and increment_rad != 0.0:
+        # asin(x) <= 1.05 x up to x = 1/2.
+        bearing, half = portable_kernels.atan2(dy, dx), 1.05 * _HALF_DIAGONAL / away
+        across = half / abs(increment_rad)
+        final_rad = first_angle_rad + increment_rad * (last.size - 1)
+        least_rad, most_rad = min(first_angle_rad, final_rad), max(first_angle_rad, final_rad)
+        turns0 = math.ceil((least_rad - bearing - half) / _TURN_RAD)
+        turns1 = math.floor((most_rad - bearing + half) / _TURN_RAD) + 1
+    ray1 = 0
+    for turn in range(turns0, turns1):
+        ray0, before = 0, ray1
+        ray1 = last.size
+        if across < np.inf:
+            whole = turn if increment_rad > 0.0 else turns0 + turns1 - 1 - turn
+            middle = (bearing + whole * _TURN_RAD - first_angle_rad) / increment_rad
+            ray0 = max(math.floor(middle - across), before)
+            ray1 = max(min(math.ceil(middle + across) + 1, last.size), before)
+        for i in range(ray0, ray1):
+            for step in range(begin, min(end, last[i] + 1)):
+                c = math.floor(sensor_column + ray[i, 0] * step)
+                r = math.floor(sensor_row + ray[i, 1] * step)
+                if c != column or r != row:
+                    continue
+                # Where a cell has fewer than two rays, a thin post can stand between them; and a
+                # ray without echo may have been lost.
+                spread = 2.0 * step * increment_rad
+                near = one_clears and np.isfinite(ranges_m[i]) and spread <= 1.0
+                score[row, column] -= 1
+                if near or score[row, column] == 0:
+                    return True
+    return False
 
 
 @kernel()
@@ -291,6 +475,7 @@ def _mark_and_clear(
     marked: Mask,
     score: NDArray[np.uint8],
     seen: NDArray[np.int32],
+    held: NDArray[np.uint8],
     changed: NDArray[np.int64],
     static_distance_m: Clearance,
     static_margin_m: float,
@@ -307,6 +492,8 @@ def _mark_and_clear(
     resolution_m: float,
     number: int,
     moving: Moving,
+    marks: NDArray[np.bool_],
+    one_clears: bool,
 ) -> None:
     """Mark the surfaces seen, then clear along every ray what this scan has not marked."""
     rows, columns = marked.shape
@@ -319,70 +506,91 @@ def _mark_and_clear(
         reach_m = ranges_m[i]
         if not (np.isfinite(reach_m) and obstacle_min_m <= reach_m <= obstacle_max_m):
             continue
+        if marks.size > 0 and not marks[i]:
+            continue
         reach = reach_m / resolution_m
         column, row = sensor_column + ray[i, 0] * reach, sensor_row + ray[i, 1] * reach
-        _mark(
-            marked, score, seen, changed, static_distance_m, static_margin_m, moving,
-            column, row, number,
-        )  # fmt: skip
+        dx, dy, steps = 0.0, 0.0, 1
         # The echo before, also where rays between the two were lost.
         j = i - 1
-        while j >= i - _LOST_RAYS and not np.isfinite(ranges_m[j % count]):
+        before = j if j >= 0 else j % count
+        while j >= i - _LOST_RAYS and not np.isfinite(ranges_m[before]):
             j -= 1
-        before_m = ranges_m[j % count]
-        if not (np.isfinite(before_m) and obstacle_min_m <= before_m <= obstacle_max_m):
-            continue
-        before = before_m / resolution_m
-        dx = sensor_column + ray[j % count, 0] * before - column
-        dy = sensor_row + ray[j % count, 1] * before - row
-        gap = math.sqrt(dx * dx + dy * dy)
-        if gap > fill:
-            continue
-        steps = int(2.0 * gap) + 1
-        for step in range(1, steps):
+            before = j if j >= 0 else j % count
+        before_m = ranges_m[before]
+        is_echo = np.isfinite(before_m) and obstacle_min_m <= before_m <= obstacle_max_m
+        if is_echo and (marks.size == 0 or marks[before]):
+            reach = before_m / resolution_m
+            dx = sensor_column + ray[before, 0] * reach - column
+            dy = sensor_row + ray[before, 1] * reach - row
+            gap = math.sqrt(dx * dx + dy * dy)
+            steps = int(2.0 * gap) + 1 if gap <= fill else 1
+        for step in range(steps):
             _mark(
                 marked, score, seen, changed, static_distance_m, static_margin_m, moving,
                 column + dx * (step / steps), row + dy * (step / steps), number,
             )  # fmt: skip
+    # Each ray walks cell by cell from `first` to its last step.
+    last = np.full(count, -1)
+    longest = -1
     for i in range(count):
         reach_m = ranges_m[i]
         if np.isnan(reach_m) or reach_m < raytrace_min_m:
             continue
         if np.isinf(reach_m):
             # Between two echoes it is a ray that was lost.
-            open_space = ranges_m[(i + 1) % count] == np.inf and ranges_m[i - 1] == np.inf
+            open_space = (
+                ranges_m[i + 1 if i + 1 < count else 0] == np.inf and ranges_m[i - 1] == np.inf
+            )
             if not (inf_is_valid and open_space):
                 continue
         # One cell short of the echo: the cell that it hit is not free.
-        length = min(reach_m - resolution_m, raytrace_max_m) / resolution_m
-        for step in range(int(length) + 1):
-            c = math.floor(sensor_column + ray[i, 0] * step)
-            r = math.floor(sensor_row + ray[i, 1] * step)
-            if not (0 <= r < rows and 0 <= c < columns):
+        last[i] = int(min(reach_m - resolution_m, raytrace_max_m) / resolution_m)
+        longest = max(longest, last[i])
+    # What lies before the shortest range was not looked at.
+    first = 0 if one_clears else math.ceil(raytrace_min_m / resolution_m)
+    row0 = max(math.floor(sensor_row) - longest - 1, 0)
+    row1 = min(math.floor(sensor_row) + longest + 2, rows)
+    column0 = max(math.floor(sensor_column) - longest - 1, 0)
+    column1 = min(math.floor(sensor_column) + longest + 2, columns)
+    bits = marked.view(np.uint8)
+    for r in range(row0, row1):
+        if not _any_marked(bits[r, column0:column1]):
+            continue
+        for c in range(column0, column1):
+            if not marked[r, c] or seen[r, c] == number or held[r, c] >= PINNED:
                 continue
-            if marked[r, c] and seen[r, c] != number:
-                # Where a cell has fewer than two rays, a thin post can stand between them; and a
-                # ray without echo may have been lost.
-                near = np.isfinite(reach_m) and 2.0 * step * increment_rad <= 1.0
-                score[r, c] -= 1
-                if near or score[r, c] == 0:
-                    marked[r, c] = False
-                    _include(changed, r, c)
+            if _is_cleared(
+                r, c, score, ray, last, ranges_m, first, first_angle_rad, increment_rad,
+                sensor_column, sensor_row, one_clears,
+            ):  # fmt: skip
+                marked[r, c] = False
+                _include(changed, r, c)
     for i in range(len(moving)):
-        _clear_circle(marked, changed, moving[i, 0], moving[i, 1], moving[i, 2])
+        _clear_circle(
+            marked, held, changed, moving[i, 0], moving[i, 1], moving[i, 2]
+        )  # fmt: skip
 
 
 @kernel()
 def _clear_circle(
-    marked: Mask, changed: NDArray[np.int64], column: float, row: float, radius: float
+    marked: Mask,
+    held: NDArray[np.uint8],
+    changed: NDArray[np.int64],
+    column: float,
+    row: float,
+    radius: float,
 ) -> None:
+    """Clear the marks of a thing that moves, but not those that are held."""
     rows, columns = marked.shape
     for r in range(max(math.floor(row - radius), 0), min(math.ceil(row + radius), rows)):
         for c in range(
             max(math.floor(column - radius), 0), min(math.ceil(column + radius), columns)
         ):
+            if not marked[r, c] or held[r, c] > 0:
+                continue
             dx, dy = c + 0.5 - column, r + 0.5 - row
-            if marked[r, c] and dx * dx + dy * dy <= radius * radius:
+            if dx * dx + dy * dy <= radius * radius:
                 marked[r, c] = False
                 _include(changed, r, c)
 
@@ -420,18 +628,19 @@ def _clear_polygon(
 def _forget(
     marked: Mask,
     seen: NDArray[np.int32],
+    held: NDArray[np.uint8],
     before: int,
     extent: NDArray[np.int64],
     changed: NDArray[np.int64],
 ) -> None:
-    """Clear the marks last seen before a scan; `extent` shrinks to those that are left."""
+    """Clear marks last seen before a scan and not held; `extent` shrinks to what is left."""
     row0, row1, column0, column1 = extent[0], extent[1], extent[2], extent[3]
     extent[0], extent[1], extent[2], extent[3] = marked.shape[0], 0, marked.shape[1], 0
     for r in range(row0, row1):
         for c in range(column0, column1):
             if not marked[r, c]:
                 continue
-            if seen[r, c] < before:
+            if seen[r, c] < before and held[r, c] == 0:
                 marked[r, c] = False
                 _include(changed, r, c)
             else:

@@ -224,7 +224,8 @@ class Planner:
         needs = f"radius {task.costmap.robot_radius_m:.2f} m"
         if footprint is not None:
             needs = f"width {2.0 * footprint.half_width_m:.2f} m"
-        return Query(task.start, task.goal, task.start_cell, task.goal_cell, needs)
+        passing_m = footprint.half_width_m if footprint else task.costmap.robot_radius_m
+        return Query(task.start, task.goal, task.start_cell, task.goal_cell, needs, passing_m)
 
     def _searched(self, task: _Task) -> Array:
         """(n, 2) points of the path in cells."""

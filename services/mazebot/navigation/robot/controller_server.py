@@ -81,6 +81,8 @@ class ControllerServer:
         self._blocked_since_ns: int | None = None
         self._gives_way_since_ns: int | None = None
         self._controlled_ns = 0
+        self.stuck_towards: Velocity | None = None
+        """The command that did not move the robot, until somebody takes it."""
 
     def follow(self, request: FollowRequest, pose: SE2) -> bool:
         """Follow a path from the robot's pose on; whether it is a new one.
@@ -146,11 +148,35 @@ class ControllerServer:
             raise NavigationError(
                 ErrorCode.FAILED_TO_MAKE_PROGRESS, f"no progress for {allowance_s:.1f} s {where}"
             )
+        if not view.is_heard:
+            # That it does not move then says nothing of what is around it.
+            self._stuck.reset()
         stuck = self._stuck.update(now_ns, made.velocity, view.odom_from_base, pose)
         if stuck is not None:
             self._stuck.reset()
+            self.stuck_towards = made.velocity
             raise NavigationError(ErrorCode.FAILED_TO_MAKE_PROGRESS, f"{stuck.text} {where}")
         return made
+
+    def reconfigure(
+        self, params: ControllerServerParams, controllers: Mapping[str, Controller]
+    ) -> None:
+        """Go on along the same path with other parameters, and controllers made by them."""
+        before = self.controller
+        name = next(name for name, one in self.controllers.items() if one is before)
+        self.params, self.controllers = params, controllers
+        self.controller = controllers.get(name, controllers[params.controller])
+        if before.path is not None:
+            self.controller.set_path(before.path, same_goal=False)
+        self._progress = ProgressChecker(params.progress_checker)
+        self._stuck = StuckDetector(params.stuck_detector)
+        self._blocked_since_ns = None
+
+    def interrupt(self) -> None:
+        """The robot does something else in this period: that is no failure of the controller."""
+        self._progress.reset()
+        self._stuck.reset()
+        self._blocked_since_ns = None
 
     def _gives_way(self, now_ns: int, view: View, velocity: Velocity) -> bool:
         """Whether the robot stands because something that moves is near: for a while, that is no

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -12,15 +13,19 @@ from mazebot.common.maths.frames import SE2, Array, wrap_angle
 from mazebot.common.maths.odometry_history import OdometryHistory
 from mazebot.common.messages.documents import LocalizationStatus
 from mazebot.common.messages.scan import Scan
-from mazebot.navigation.control.collision import STOP, Velocity
+from mazebot.navigation.control.collision import STOP, Velocity, stands
 from mazebot.navigation.control.safety.collision_monitor import moved_points
 from mazebot.navigation.control.tracking import ObstacleTracker
 from mazebot.navigation.costmap.layered_costmap import scan_points
 from mazebot.navigation.costmap.obstacle_layer import denoised_ranges
 from mazebot.navigation.robot.view import View
 
+_SCANS_KEPT = 3
+"""A depth image's scan comes one or two of the lidar's after that of its time."""
 _TELEOP_NS = 300_000_000
 """A teleoperation command is valid for this long."""
+_STARTED_M, _STARTED_RAD = 0.02, 0.05
+"""A robot that stood and has moved by more than this obeys again."""
 _STATIC_MARGIN_M = 0.05
 _SIGMAS = 3.0
 """An echo is a wall's within a cell of it and so many standard deviations of the pose."""
@@ -51,9 +56,19 @@ class Measurements:
         self.map_from_odom: tuple[int, SE2] | None = None
         """The newest correction of odometry, with its stamp."""
         self.echoes: Echoes | None = None
+        self._scans: deque[tuple[Scan, SE2]] = deque(maxlen=_SCANS_KEPT)
         self._pose_std_m: float | None = None
         """Of the pose in the map, along the axis of which less is known."""
         self._teleop: tuple[int, Velocity] | None = None
+        self._watchdog_stops: int | None = None
+        self.is_heard = True
+        """Whether commands reach the robot in time, as far as is known."""
+        self._stood: SE2 | None = None
+        """In odom, where it stood when it heard none."""
+        self.sources: dict[str, str] = {}
+        """Who sends odometry, the state of localization and the scan: message sources by topic."""
+        self.lost: tuple[str, ...] = ()
+        """The topics of these whose source is gone: nothing new will come of it."""
 
     def take_localization(self, status: LocalizationStatus) -> bool:
         """Take the state of localization; whether a pose was found where it was sought before."""
@@ -65,10 +80,33 @@ class Measurements:
         assert self.odom is not None
         points_m = scan_points(replace(scan, ranges_m=denoised_ranges(scan.ranges_m)))
         self.echoes = Echoes(scan.stamp_ns, self.odom[1], points_m)
+        self._scans.append((scan, self.odom[1]))
 
     def take_teleop(self, now_ns: int, command: Velocity) -> None:
         """Keep a teleoperation command."""
         self._teleop = (now_ns, command)
+
+    def take_watchdog_stops(self, stops: int) -> bool:
+        """Take how often the robot has stopped because no command came in time; whether it has
+        again.
+        """
+        again = self._watchdog_stops is not None and stops > self._watchdog_stops
+        self._watchdog_stops = stops
+        if again:
+            self.is_heard, self._stood = False, None
+        return again
+
+    def take_odometry(self, stamp_ns: int, odom_from_base: SE2, velocity: Velocity) -> None:
+        """Take where the wheels say that the robot is. One that starts again hears commands."""
+        self.odom = (stamp_ns, odom_from_base)
+        self.odometry.add(stamp_ns, odom_from_base)
+        self.velocity = velocity
+        if self.is_heard:
+            return
+        if self._stood is not None:
+            self.is_heard = _are_apart(odom_from_base, self._stood, _STARTED_M, _STARTED_RAD)
+        elif stands(velocity):
+            self._stood = odom_from_base
 
     def take_covariance(self, covariance: Array) -> None:
         """Keep how well the pose is known, from the (36,) covariance of /amcl_pose."""
@@ -81,8 +119,7 @@ class Measurements:
         if before is None or self.odom is None:
             return False
         old, new = (one @ self.odom[1] for one in (before[1], map_from_odom))
-        turn_rad = abs(wrap_angle(new.yaw_rad - old.yaw_rad))
-        return new.distance_m(old) > _JUMP_M or turn_rad > _JUMP_RAD
+        return _are_apart(new, old, _JUMP_M, _JUMP_RAD)
 
     def map_from_base(self) -> SE2:
         """The robot's pose, once odometry and its correction are known."""
@@ -107,11 +144,20 @@ class Measurements:
         status = self.localization
         return status is not None and status.wants_motion and status.epoch == epoch
 
+    def wheels_slip(self, epoch: int | None) -> bool:
+        """Whether the wheels turn and the robot does not move as they say."""
+        status = self.localization
+        return status is not None and status.wheel_slip and status.epoch == epoch
+
     def is_searching(self) -> bool:
         """Whether a global localization was requested: the robot moves without a goal."""
         return self.localization is not None and self.localization.state == "searching"
 
-    def oldest_ns(self, now_ns: int) -> int:
+    def is_blind(self, now_ns: int, timeout_s: float) -> bool:
+        """Whether odometry, its correction or the scan is too old, or comes no more."""
+        return bool(self.lost) or now_ns - self._oldest_ns(now_ns) > timeout_s * 1e9
+
+    def _oldest_ns(self, now_ns: int) -> int:
         """Stamp of the oldest of odometry, its correction and the scan."""
         assert self.odom is not None
         # A pose that is not known has no age; an old one stops the robot.
@@ -125,19 +171,34 @@ class Measurements:
             return most_m
         return min(_STATIC_MARGIN_M + _SIGMAS * self._pose_std_m, most_m)
 
-    def view(self, now_ns: int, epoch: int | None, tracker: ObstacleTracker) -> View:
-        """What the robot knows at this step, once odometry is known."""
+    def scan_at(self, stamp_ns: int) -> tuple[Scan, SE2] | None:
+        """The scan nearest to a time, with the odometry at it; None: there is none."""
+        return min(self._scans, key=lambda one: abs(one[0].stamp_ns - stamp_ns), default=None)
+
+    def view(
+        self, now_ns: int, epoch: int | None, tracker: ObstacleTracker, hidden_m: Array
+    ) -> View:
+        """What the robot knows at this step, once odometry is known.
+
+        Args:
+            now_ns: the time of the step.
+            epoch: of the simulation.
+            tracker: of moving obstacles.
+            hidden_m: (n, 2) points in the current base frame on what the lidar does not show.
+        """
         assert self.odom is not None
-        teleop = self._teleop
+        teleop, echoes_m = self._teleop, self._echoes_now()
         return View(
             now_ns,
             self.map_from_base() if self.is_localized(epoch) else None,
             self.odom[1],
             self.velocity,
-            self._echoes_now(),
+            np.concatenate([echoes_m, hidden_m]) if len(hidden_m) else echoes_m,
             tracker.moving(now_ns * 1e-9),
             teleop[1] if teleop and now_ns - teleop[0] <= _TELEOP_NS else None,
             tracker.turning(),
+            len(hidden_m),
+            self.is_heard,
         )
 
     def _echoes_now(self) -> Array:
@@ -147,3 +208,9 @@ class Measurements:
         if echoes is None:
             return np.empty((0, 2))
         return moved_points(echoes.base_points_m, echoes.odom_from_base, self.odom[1])
+
+
+def _are_apart(one: SE2, other: SE2, way_m: float, turn_rad: float) -> bool:
+    """Whether two poses differ by more than a way or a turn."""
+    turned_rad = abs(wrap_angle(one.yaw_rad - other.yaw_rad))
+    return one.distance_m(other) > way_m or turned_rad > turn_rad

@@ -31,6 +31,7 @@ from mazebot.navigation.planning.interface import GlobalPlanner, GridPlannerPara
 from mazebot.navigation.planning.path import PlannedPath
 from mazebot.navigation.planning.planner import Planner
 from mazebot.navigation.planning.smoother import smoothed
+from mazebot.navigation.robot.detours import Detours
 
 _NAV2_DEFAULTS = ("", "GridBased")
 """What Nav2's trees and parameter files call their planner: here, the one that is configured."""
@@ -82,6 +83,7 @@ class PlannerServer:
         self._planners = planners
         self.zones = zones
         self._kept: PlannedPath | None = None
+        self.detours = Detours(costmap)
 
     def take_map(
         self, frame: GridFrame, cells: Cells, static_margin_m: float, zones: Zones | None
@@ -142,22 +144,47 @@ class PlannerServer:
         Raises NavigationError with a code of ComputePathToPose (200s).
         """
         planner = self._planner(planner_id)
-        at = start
-        path: PlannedPath | None = None
-        for goal in goals:
-            leg = self._leg(planner, at, goal)
-            path = leg if path is None else joined(path, leg)
-            at = leg.goal
-        if path is None:
+        if not goals:
             raise NavigationError(ErrorCode.NO_VALID_PATH, "no goals: must be at least one")
         if not keep:
-            return path
+            return self._through(planner, start, goals)
+        self.detours.begin(goals[-1])
+        try:
+            path = self._through(planner, start, goals)
+        except NavigationError:
+            # No way is left but those that were blocked.
+            if not self.detours.forget():
+                raise
+            path = self._through(planner, start, goals)
         kept = self._kept
         if len(goals) == 1 and kept is not None and kept is followed:
             if self._is_as_good(kept, path, start):
                 return kept
+            self._note_detour(kept, path, start)
         self._kept = path
         return path
+
+    def _through(self, planner: GlobalPlanner, start: SE2, goals: Sequence[SE2]) -> PlannedPath:
+        path = self._leg(planner, start, goals[0])
+        for goal in goals[1:]:
+            path = joined(path, self._leg(planner, path.goal, goal))
+        return path
+
+    def on_map(self, start: SE2, goal: SE2) -> PlannedPath | None:
+        """The path that there would be if nothing stood there but what the map has, if any."""
+        try:
+            return self._leg(self._planner(""), start, goal, static_only=True)
+        except NavigationError:
+            return None
+
+    def _note_detour(self, kept: PlannedPath, path: PlannedPath, pose: SE2) -> None:
+        """Note where the path before is blocked, if it is."""
+        if kept.goal != path.goal:
+            return
+        index = nearest_index(kept, pose)
+        hit = self.collisions(piece(kept, index, len(kept.points_m)), PathCheck())
+        if hit:
+            self.detours.note(kept.length_m - float(kept.along_m[index]), hit[0], path)
 
     def _leg(
         self, planner: GlobalPlanner, start: SE2, goal: SE2, static_only: bool = False

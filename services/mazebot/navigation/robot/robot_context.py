@@ -22,8 +22,10 @@ from mazebot.navigation.costmap.footprint import Footprint
 from mazebot.navigation.costmap.layered_costmap import GridFrame, LayeredCostmap, LocalCostmap
 from mazebot.navigation.costmap.zones import Zones
 from mazebot.navigation.errors import NavigationError
+from mazebot.navigation.planning.grid.blocked import too_narrow
 from mazebot.navigation.planning.path import PlannedPath
 from mazebot.navigation.robot.controller_server import ControllerServer
+from mazebot.navigation.robot.narrow_gaps import NarrowGaps
 from mazebot.navigation.robot.planner_server import PlannerServer
 from mazebot.navigation.robot.speed_limit import speed_limit_m_s
 from mazebot.navigation.robot.view import View
@@ -59,6 +61,7 @@ class RobotContext:
     monitor_enabled: bool = True
 
     def __post_init__(self) -> None:
+        self.gaps = NarrowGaps(self.costmap, self.footprint)
         zones = self.zones
         self._forbidden = zones.forbidden if zones is not None else None
 
@@ -73,6 +76,11 @@ class RobotContext:
         """Drive on in a map that has grown or changed, with the zones on its grid."""
         self.planner_server.take_map(frame, cells, static_margin_m, zones)
         self._forbidden = zones.forbidden if zones is not None else None
+
+    def forget_places(self) -> None:
+        """Forget what was found out about places in the map: detours and narrow gaps."""
+        self.planner_server.detours.forget()
+        self.gaps.forget()
 
     def begin(self, view: View) -> None:
         """Begin a step."""
@@ -115,12 +123,40 @@ class RobotContext:
     def check_goals(self, goals: Sequence[SE2]) -> None:
         """See NavigationContext."""
         self.planner_server.check_goals(self.pose(), goals)
+        # A new task begins.
+        self.forget_places()
 
     def compute_path(self, start: SE2 | None, goals: Sequence[SE2], planner_id: str) -> PlannedPath:
         """See NavigationContext."""
-        return self.planner_server.compute_path(
-            start or self.pose(), goals, planner_id, self.controller_server.followed, start is None
-        )
+        try:
+            path = self.planner_server.compute_path(
+                start or self.pose(), goals, planner_id, self.controller_server.followed,
+                start is None,
+            )  # fmt: skip
+        except NavigationError as error:
+            if start is None and error.code == ErrorCode.NO_VALID_PATH:
+                raise self._too_narrow(error, goals) from None
+            raise
+        return path
+
+    def _too_narrow(self, error: NavigationError, goals: Sequence[SE2]) -> NavigationError:
+        """The error about a way, with the width of the gap in it where that can be measured."""
+        place_m = error.place_m
+        if place_m is None:
+            return error
+        gap = self.gaps.closed_near(place_m)
+        if gap is None and len(goals) == 1:
+            on_map = self.planner_server.on_map(self.pose(), goals[0])
+            if on_map is not None:
+                self.gaps.look_at(self._view(), on_map, place_m)
+                gap = self.gaps.closed_near(place_m)
+        if gap is None:
+            return error
+        begin, needs_m = error.message.split(": ", 1)[0], self.gaps.needs_m
+        text = too_narrow(begin, gap.middle_m, gap.width_m, needs_m)
+        told = NavigationError(error.code, text, gap.middle_m)
+        told.for_good = True
+        return told
 
     def collisions(self, path: PlannedPath, check: PathCheck) -> tuple[SE2, ...]:
         """See NavigationContext."""
@@ -137,6 +173,7 @@ class RobotContext:
 
     def control(self, now_ns: int) -> TrackingFeedback:
         """See NavigationContext."""
+        self.gaps.look(self._view(), self.controller_server.followed)
         made = self.controller_server.control(now_ns, self._view(), self.around())
         self.command, self.controlled = made.velocity, True
         return TrackingFeedback(made.reached, made.distance_remaining_m)
@@ -164,7 +201,9 @@ class RobotContext:
         return first_contact_s(self.around(), velocity, _LOOK_AHEAD_S)
 
     def clear_costmap(self, request: ClearRequest) -> None:
-        """See NavigationContext."""
+        """See NavigationContext. What the lidar does not show stays: it may be too near to be seen
+        again.
+        """
         view = self._view()
         costmap: LayeredCostmap
         if request.costmap == "local":
@@ -172,7 +211,7 @@ class RobotContext:
         else:
             costmap, here = self.costmap, self.pose()
         if request.area == "entirely":
-            costmap.clear()
+            costmap.clear_scanned()
         elif request.area == "except_region":
             costmap.clear_except(here, request.reset_distance_m)
         else:

@@ -19,8 +19,23 @@ class View:
     odom_from_base: SE2
     velocity: Velocity
     echoes_m: Array
-    """(n, 2) float64, the newest scan's echoes in the current base frame."""
+    """(n, 2) float64, the newest scan's echoes in the current base frame, and after them what is
+    hidden from the lidar."""
     tracks: tuple[Track, ...] = ()
     teleop: Velocity | None = None
     turning: tuple[Track, ...] = ()
     """Obstacles that stand and are expected to turn back."""
+    hidden: int = 0
+    """How many of the last echoes are of what the lidar does not show."""
+    is_heard: bool = True
+    """Whether commands reach the robot in time, as far as is known."""
+
+    @property
+    def scanned_m(self) -> Array:
+        """(n, 2) the lidar's echoes alone."""
+        return self.echoes_m[: len(self.echoes_m) - self.hidden]
+
+    @property
+    def hidden_m(self) -> Array:
+        """(n, 2) the others."""
+        return self.echoes_m[len(self.echoes_m) - self.hidden :]

@@ -27,7 +27,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -44,7 +44,14 @@ from mazebot.common.maths.frames import (
     rotation_from_quaternion,
     transform_matrix,
 )
-from mazebot.common.messages.documents import BodyEntity, Quaternion, Thing, Vector, World
+from mazebot.common.messages.documents import (
+    BodyCheckpoint,
+    BodyEntity,
+    Quaternion,
+    Thing,
+    Vector,
+    World,
+)
 from mazebot.common.world.geometry import TriangleMesh
 from mazebot.physics.bodies.body_state import BodyState, MoverState
 from mazebot.physics.bodies.bullet import pybullet, quiet
@@ -70,6 +77,7 @@ GRAVITY_M_S2 = 9.8
 MAX_PIECES = 200
 """Of a moving entity: PyBullet takes a second for the hulls of so many."""
 FLOOR = "floor"
+ROBOT = "robot"
 _NEAR_M = 0.1
 """Margin around the robot, larger than it and an approaching body move in one step. If nothing was
 within it and nothing else moves, the robot has no contacts until it has moved this far.
@@ -91,6 +99,7 @@ _YIELD_M = 0.3
 _YIELD_STEP_M = 0.05
 _WAY_STEP_M = 0.1
 """Distance between the poses on a path that are checked for walls; walls are thicker."""
+_ASIDE_M = 1000.0
 _MAX_GARBAGE_BYTES = 8_000_000
 """PyBullet never frees the shape of a removed body: beyond this amount, all bodies are rebuilt in
 their current state.
@@ -225,9 +234,7 @@ class Bodies:
         """Put the robot down at rest at another pose, as level and as high above the map's floor as
         it is now; returns empty, or the reason why it stays where it is.
         """
-        before, here = self.state, self.map_from_footprint()
-        heading = portable_kernels.atan2(float(here[1, 0]), float(here[0, 0]))
-        stands = SE2(float(here[0, 3]), float(here[1, 3]), heading)
+        before, stands = self.state, self.footprint_pose()
         moved = portable.product(
             (map_from_footprint @ stands.inverse()).matrix(), pose_matrix(before)
         )
@@ -243,6 +250,47 @@ class Bodies:
         self._robot.turn_wheels_to(self.state.wheel_angles_rad, wheel_speeds_rad_s)
         self.set_wheel_speeds(*self._wheel_speeds)
         self.state = self._robot.state()
+
+    def set_robot_aside(self) -> None:
+        """Take the robot out of the way of what is spawned, until `restore`."""
+        x, y, z = self.state.position_m
+        aside = MoverState((x, y, z + _ASIDE_M), self.state.orientation_xyzw, NOWHERE, NOWHERE)
+        self._set_state(self._robot.number, aside)
+
+    def checkpoints(self) -> tuple[BodyCheckpoint, list[BodyCheckpoint]]:
+        """The robot and the moving bodies as they are, to be restored by `restore`."""
+        robot = BodyCheckpoint(**_fields(ROBOT, MoverState(*self.state[:4])))
+        return robot, [
+            BodyCheckpoint(**_fields(one.thing.name, one.state), travelled_m=one.travelled_m)
+            for one in self._movers
+            if one.state is not None
+        ]
+
+    def restore(
+        self,
+        robot: BodyCheckpoint,
+        wheel_angles_rad: tuple[float, float],
+        movers: Iterable[BodyCheckpoint],
+    ) -> None:
+        """Put robot and moving bodies where they were: the robot at rest, its wheels turned to
+        these angles. Bodies that there are no more are left out.
+        """
+        placed = {one.thing.name: one for one in self._movers}
+        for kept in movers:
+            mover = placed.get(kept.name)
+            if mover is None:
+                continue
+            mover.travelled_m = kept.travelled_m
+            mover.state = _state_of(kept)
+            self._place(mover)
+        self._set_state(
+            self._robot.number,
+            _state_of(robot)._replace(velocity_m_s=NOWHERE, angular_velocity_rad_s=NOWHERE),
+        )
+        self._robot.turn_wheels_to(wheel_angles_rad, (0.0, 0.0))
+        self.set_wheel_speeds(0.0, 0.0)
+        self.state = self._robot.state()
+        self._alone_at_m = None
 
     def _robot_reaches_into(self) -> str:
         """What the robot overlaps at its pose, other than the floor; empty: nothing."""
@@ -371,6 +419,12 @@ class Bodies:
     def map_from_footprint(self) -> Array:
         """True (4, 4) pose of base_footprint."""
         return portable.product(pose_matrix(self.state), self._robot.com_from_footprint)
+
+    def footprint_pose(self) -> SE2:
+        """True pose of base_footprint on the floor."""
+        here = self.map_from_footprint()
+        heading = portable_kernels.atan2(float(here[1, 0]), float(here[0, 0]))
+        return SE2(float(here[0, 3]), float(here[1, 3]), heading)
 
     def footprint_motion(self) -> Motion:
         """True motion of base_footprint."""
@@ -631,3 +685,13 @@ class Bodies:
         number = rigid_body(self._client, name, mass_kg, shape, position_m, turn_xyzw, group)
         self._names[number] = name
         return number
+
+
+def _fields(name: str, state: MoverState) -> dict[str, Any]:
+    return {"name": name, **state._asdict()}
+
+
+def _state_of(kept: BodyCheckpoint) -> MoverState:
+    return MoverState(
+        kept.position_m, kept.orientation_xyzw, kept.velocity_m_s, kept.angular_velocity_rad_s
+    )

@@ -32,7 +32,9 @@ class BodyState(NamedTuple):
         """Whether the state is physical: PyBullet accepts non-finite values silently."""
         x, y, z = self.position_m
         vx, vy, vz = self.velocity_m_s
-        turn = math.fsum(self.angular_velocity_rad_s) + math.fsum(self.orientation_xyzw)
+        wx, wy, wz = self.angular_velocity_rad_s
+        qx, qy, qz, qw = self.orientation_xyzw
+        turn = wx + wy + wz + qx + qy + qz + qw
         left, right = self.wheel_angles_rad
         left_speed, right_speed = self.wheel_speeds_rad_s
         # A comparison with NaN is False.

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 import sys
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mazebot.common.maths.frames import CAMERA_OPTICAL_FRAME
+from mazebot.common.maths.frames import CAMERA_OPTICAL_FRAME, Array
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.pending_image import PendingImage
 from mazebot.physics.camera.camera import Intrinsics
@@ -67,17 +68,29 @@ def compressed_message(stamp_ns: int, rgb: NDArray[np.uint8], quality: int) -> m
 
 def camera_info(stamp_ns: int, intrinsics: Intrinsics) -> msg.CameraInfo:
     """The calibration of a pinhole without distortion."""
-    fx, fy, cx, cy = intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy
+    d, k, r, p = _matrices(intrinsics)
     return msg.CameraInfo(
         header=msg.header(stamp_ns, CAMERA_OPTICAL_FRAME),
         height=intrinsics.height,
         width=intrinsics.width,
         distortion_model="plumb_bob",
-        d=np.zeros(5),
-        k=np.array([fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]),
-        r=np.eye(3).reshape(9),
-        p=np.array([fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0]),
+        d=d,
+        k=k,
+        r=r,
+        p=p,
         binning_x=0,
         binning_y=0,
         roi=msg.RegionOfInterest(x_offset=0, y_offset=0, height=0, width=0, do_rectify=False),
+    )
+
+
+@functools.lru_cache(maxsize=4)
+def _matrices(intrinsics: Intrinsics) -> tuple[Array, Array, Array, Array]:
+    """`d`, `k`, `r` and `p` of a camera's messages, which are the same in all of them."""
+    fx, fy, cx, cy = intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy
+    return (
+        np.zeros(5),
+        np.array([fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]),
+        np.eye(3).reshape(9),
+        np.array([fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0]),
     )

@@ -45,7 +45,10 @@ def joint_states(
 
 def mover_frames(bodies: Bodies, stamp_ns: int) -> list[msg.TransformStamped]:
     """True poses of the moving bodies in the map, as transforms to frames of their names."""
+    names = bodies.mover_names
+    if not names:
+        return []
     return [
         msg.transform_stamped(stamp_ns, MAP_FRAME, name, pose)
-        for name, pose in zip(bodies.mover_names, bodies.map_from_movers(), strict=True)
+        for name, pose in zip(names, bodies.map_from_movers(), strict=True)
     ]

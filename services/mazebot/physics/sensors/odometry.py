@@ -63,6 +63,21 @@ class WheelOdometry:
         """(3, 3) of (x, y, yaw)."""
         return self._covariance.matrix()
 
+    @property
+    def planar_covariance(self) -> PlanarCovariance:
+        """Of (x, y, yaw), as plain numbers."""
+        return self._covariance
+
+    def restore(
+        self,
+        wheel_angles_rad: tuple[float, float],
+        odom_from_footprint: SE2,
+        covariance: PlanarCovariance,
+    ) -> None:
+        """Go on from a pose, with the wheels at these angles."""
+        self._angles_rad = wheel_angles_rad
+        self.odom_from_footprint, self._covariance = odom_from_footprint, covariance
+
     def update(self, wheel_angles_rad: tuple[float, float], elapsed_s: float) -> None:
         """Update from the wheel angles (left, right), `elapsed_s` after the last ones."""
         left_m, right_m = (
@@ -94,14 +109,14 @@ class WheelOdometry:
             child_frame_id=BASE_FOOTPRINT_FRAME,
             pose=msg.PoseWithCovariance(
                 pose=msg.pose_from_se2(self.odom_from_footprint),
-                covariance=msg.planar_covariance(self.covariance, _UNUSED_VARIANCE),
+                covariance=msg.covariance_36(self._covariance, _UNUSED_VARIANCE),
             ),
             twist=msg.TwistWithCovariance(
                 twist=msg.Twist(
                     linear=msg.Vector3(x=self.linear_m_s, y=0.0, z=0.0),
                     angular=msg.Vector3(x=0.0, y=0.0, z=self.angular_rad_s),
                 ),
-                covariance=msg.planar_covariance(self._twist_covariance.matrix(), _UNUSED_VARIANCE),
+                covariance=msg.covariance_36(self._twist_covariance, _UNUSED_VARIANCE),
             ),
         )
 

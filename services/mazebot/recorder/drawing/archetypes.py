@@ -24,10 +24,12 @@ from mazebot.common.messages.topics import (
     CONTACTS,
     DEPTH_IMAGE,
     DEPTH_INFO,
+    DEPTH_SCAN,
     DESIRED_ENTITIES,
     DETECTIONS,
     DIAGNOSTICS,
     ENTITIES,
+    ENTITY_MARKERS,
     EXPLORATION_STATUS,
     EXPLORE_RESUME,
     FRONTIERS,
@@ -46,12 +48,15 @@ from mazebot.common.messages.topics import (
     NAVIGATION_RESULT,
     NAVIGATION_STATUS,
     ODOM,
+    PARAMETER_EVENTS,
     PARAMETERS,
     PARTICLE_CLOUD,
     PHOTO,
     PHOTO_REQUEST,
     PLAN,
     POSE_GRAPH,
+    PUBLISHED_FOOTPRINT,
+    ROBOT_DESCRIPTION,
     ROSOUT,
     SCAN,
     SIMULATION_STATS,
@@ -108,6 +113,7 @@ from mazebot.recorder.drawing.robot_drawing import (
     draw_cmd_vel,
     draw_cmd_vel_teleop,
     draw_contact,
+    draw_depth_scan,
     draw_ground_truth_odom,
     draw_imu,
     draw_joint_states,
@@ -199,11 +205,16 @@ def draw_clock(canvas: Canvas, _: msg.Clock) -> None:
         canvas.recording.scalar("clock/real_time_factor", factor)
 
 
+def draw_nothing(_: Canvas, __: Any) -> None:
+    """What other viewers draw from this message, this one draws from others."""
+
+
 DRAW: dict[Topic[Any], Callable[[Canvas, Any], None]] = {
     CLOCK: draw_clock,
     WORLD_REQUEST: draw_world_request,
     WORLD_STATUS: draw_world_status,
     PARAMETERS: draw_parameters,
+    PARAMETER_EVENTS: draw_nothing,
     ASSETS: draw_asset,
     WORLD: draw_world,
     MAP: draw_map,
@@ -220,6 +231,7 @@ DRAW: dict[Topic[Any], Callable[[Canvas, Any], None]] = {
     CAMERA_COMPRESSED: draw_camera_compressed,
     DEPTH_IMAGE: draw_depth_image,
     DEPTH_INFO: draw_depth_info,
+    DEPTH_SCAN: draw_depth_scan,
     GROUND_TRUTH_ODOM: draw_ground_truth_odom,
     CONTACTS: draw_contact,
     SIMULATION_STATS: draw_simulation_stats,
@@ -253,4 +265,7 @@ DRAW: dict[Topic[Any], Callable[[Canvas, Any], None]] = {
     NAVIGATION_RESULT: draw_navigation_result,
     DIAGNOSTICS: draw_diagnostics,
     ROSOUT: draw_rosout,
+    ROBOT_DESCRIPTION: draw_nothing,
+    ENTITY_MARKERS: draw_nothing,
+    PUBLISHED_FOOTPRINT: draw_nothing,
 }

@@ -126,10 +126,13 @@ class Canvas:
         if self.changed(f"{path}#measured", value is not None) and value is None:
             self.recording.log(path, rr.Clear(recursive=False))
 
-    def frame(self, path: str, frame: str, *looks: rr.AsComponents) -> None:
+    def frame(
+        self, path: str, frame: str, looks: Callable[[], rr.AsComponents] | None = None
+    ) -> None:
         """Set the frame of an entity's coordinates, and its style, once."""
         if self.changed(f"{path}#frame", frame):
-            self.recording.log(path, rr.CoordinateFrame(frame), *looks, static=True)
+            style = () if looks is None else (looks(),)
+            self.recording.log(path, rr.CoordinateFrame(frame), *style, static=True)
 
     def event(self, kind: str, text: str, level: str = "INFO") -> None:
         """Log what a user may want to jump to: `kind` is `goal`, `contact`, `recovery`, `marker`,
@@ -160,8 +163,9 @@ def draw_trail(
     period_ns = PATH_NS * (1 + len(trail) // _TRAIL_POINTS)
     if canvas.last.get(f"{path}#grown") and canvas.due(path, canvas.now_ns, period_ns):
         canvas.last[f"{path}#grown"] = False
-        looks = rr.LineStrips3D.from_fields(colors=color, radii=radius_m)
-        canvas.frame(path, MAP_FRAME, looks)
+        canvas.frame(
+            path, MAP_FRAME, lambda: rr.LineStrips3D.from_fields(colors=color, radii=radius_m)
+        )
         canvas.recording.log(path, rr.LineStrips3D([trail.points(z_m)]))
 
 

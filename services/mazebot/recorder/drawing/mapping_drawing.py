@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable
 from typing import Any
 
@@ -61,13 +62,16 @@ def draw_pose_graph(canvas: Canvas, graph: slam.PoseGraph) -> None:
         if edge.source in places and end:
             target = landmarks[edge.target] if edge.kind == "marker" else places[edge.target]
             edges[edge.kind].append((places[edge.source], target))
-    looks = rr.Points3D.from_fields(colors=palette.PLAN, radii=0.035)
-    canvas.frame("pose_graph/nodes", MAP_FRAME, looks)
+    canvas.frame(
+        "pose_graph/nodes", MAP_FRAME,
+        lambda: rr.Points3D.from_fields(colors=palette.PLAN, radii=0.035),
+    )  # fmt: skip
     canvas.recording.log("pose_graph/nodes", rr.Points3D(list(places.values())))
     for kind, color in _KINDS.items():
         path = f"pose_graph/{kind}"
         radius_m = 0.012 if kind == "loop" else 0.005
-        canvas.frame(path, MAP_FRAME, rr.LineStrips3D.from_fields(colors=color, radii=radius_m))
+        looks = functools.partial(rr.LineStrips3D.from_fields, colors=color, radii=radius_m)
+        canvas.frame(path, MAP_FRAME, looks)
         canvas.recording.log(path, rr.LineStrips3D(np.array(edges[kind]).reshape(-1, 2, 3)))
     _draw_landmarks(canvas, graph.landmarks)
     canvas.recording.scalar("mapping/keyframes", len(graph.nodes))

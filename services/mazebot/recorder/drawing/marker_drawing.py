@@ -50,7 +50,7 @@ def draw_marker_states(canvas: Canvas) -> None:
         np.array(position) + _BEFORE_M * rotation_from_quaternion(*xyzw)[:, 2]
         for position, xyzw in places
     ]
-    canvas.frame(PATH, MAP_FRAME, rr.Points3D.from_fields(radii=0.06, show_labels=True))
+    canvas.frame(PATH, MAP_FRAME, lambda: rr.Points3D.from_fields(radii=0.06, show_labels=True))
     canvas.recording.log(
         PATH,
         rr.Points3D(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 
 import numpy as np
 import rerun as rr
@@ -23,6 +24,10 @@ _SAME_PLACE_M = 0.05
 _REPLACED = (ErrorCode.PREEMPTED, ErrorCode.CANCELED, ErrorCode.WORLD_RESTARTED)
 """The goal was not wanted any more."""
 
+_POSITION = operator.attrgetter("position.x", "position.y", "position.z")
+_QUATERNION = operator.attrgetter(
+    "orientation.x", "orientation.y", "orientation.z", "orientation.w"
+)
 _SQUARE: Array = np.array(
     [[-0.5, -0.5, 0.0], [0.5, -0.5, 0.0], [0.5, 0.5, 0.0], [-0.5, 0.5, 0.0], [-0.5, -0.5, 0.0]]
 )
@@ -68,7 +73,7 @@ def draw_detections(canvas: Canvas, detections: msg.Detection3DArray) -> None:
         canvas.recording.log(
             "aruco/detections",
             rr.LineStrips3D(
-                [corners for _, corners, _ in poses] + others,
+                _strips([corners for _, corners, _ in poses] + others),
                 colors=[palette.MARKER] * len(poses) + [palette.SECOND] * len(others),
                 radii=[0.006] * len(poses) + [0.002] * len(others),
             ),
@@ -130,10 +135,12 @@ def draw_amcl_pose(canvas: Canvas, estimate: msg.PoseWithCovarianceStamped) -> N
         variances, axes = np.linalg.eigh((covariance + covariance.T) / 2.0)
         turn = math.atan2(float(axes[1, 1]), float(axes[0, 1]))
         long_m, short_m = 2.0 * np.sqrt(np.maximum(variances[::-1], 1e-8))
-        looks = rr.Ellipsoids3D.from_fields(
-            colors=palette.ESTIMATE, fill_mode=rr.components.FillMode.Solid
-        )
-        canvas.frame("amcl_pose", estimate.header.frame_id or MAP_FRAME, looks)
+        canvas.frame(
+            "amcl_pose", estimate.header.frame_id or MAP_FRAME,
+            lambda: rr.Ellipsoids3D.from_fields(
+                colors=palette.ESTIMATE, fill_mode=rr.components.FillMode.Solid
+            ),
+        )  # fmt: skip
         canvas.recording.log(
             "amcl_pose",
             rr.Ellipsoids3D(
@@ -152,16 +159,24 @@ def draw_particle_cloud(canvas: Canvas, cloud: msg.PoseArray) -> None:
     """The particles as short strokes along their heading; evenly subsampled if there are many."""
     canvas.at(cloud.header.stamp)
     stride = max(1, math.ceil(len(cloud.poses) / _MAX_PARTICLES))
-    poses = [msg.se2_from_pose(pose) for pose in cloud.poses[::stride]]
-    xyyaw = np.array(poses, np.float64).reshape(-1, 3)
-    tails = np.column_stack([xyyaw[:, :2], np.full(len(xyyaw), 0.025)])
-    heads = tails + 0.08 * np.column_stack(
-        [np.cos(xyyaw[:, 2]), np.sin(xyyaw[:, 2]), np.zeros(len(xyyaw))]
-    )
-    looks = rr.LineStrips3D.from_fields(colors=palette.PARTICLE, radii=0.004)
-    canvas.frame("particle_cloud", cloud.header.frame_id or MAP_FRAME, looks)
-    strokes = np.stack([tails, heads], axis=1).astype(np.float32)
+    xyz_m, xyzw = _numbers(cloud.poses[::stride])
+    x, y, z, w = xyzw.T
+    yaw_rad = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    strokes = np.full((len(xyz_m), 2, 3), 0.025, np.float32)
+    strokes[:, :, :2] = xyz_m[:, np.newaxis, :2]
+    strokes[:, 1, 0] += 0.08 * np.cos(yaw_rad)
+    strokes[:, 1, 1] += 0.08 * np.sin(yaw_rad)
+    canvas.frame(
+        "particle_cloud", cloud.header.frame_id or MAP_FRAME,
+        lambda: rr.LineStrips3D.from_fields(colors=palette.PARTICLE, radii=0.004),
+    )  # fmt: skip
     canvas.recording.log("particle_cloud", rr.LineStrips3D(strokes))
+
+
+def _numbers(poses: list[msg.Pose]) -> tuple[Array, Array]:
+    """(n, 3) positions and (n, 4) quaternions of poses."""
+    numbers = np.array([_POSITION(one) + _QUATERNION(one) for one in poses]).reshape(-1, 7)
+    return numbers[:, :3], numbers[:, 3:]
 
 
 def draw_global_costmap(canvas: Canvas, grid: msg.OccupancyGrid) -> None:
@@ -210,8 +225,10 @@ def draw_plan(canvas: Canvas, plan: msg.Path) -> None:
     """The path being followed."""
     canvas.at(plan.header.stamp)
     points = [(p.pose.position.x, p.pose.position.y, 0.045) for p in plan.poses]
-    looks = rr.LineStrips3D.from_fields(colors=palette.PLAN, radii=0.018)
-    canvas.frame("plan", plan.header.frame_id or MAP_FRAME, looks)
+    canvas.frame(
+        "plan", plan.header.frame_id or MAP_FRAME,
+        lambda: rr.LineStrips3D.from_fields(colors=palette.PLAN, radii=0.018),
+    )  # fmt: skip
     strips = [np.array(points, np.float32)] if len(points) > 1 else []
     canvas.recording.log("plan", rr.LineStrips3D(strips))
 
@@ -227,11 +244,17 @@ def draw_trajectories(canvas: Canvas, array: msg.MarkerArray) -> None:
     canvas.recording.log(
         "trajectories",
         rr.LineStrips3D(
-            [np.array([(p.x, p.y, p.z) for p in one.points], np.float32) for one in strips],
+            _strips([np.array([(p.x, p.y, p.z) for p in one.points]) for one in strips]),
             colors=colors,
             radii=[one.scale.x / 2.0 for one in strips],
         ),
     )
+
+
+def _strips(lines: list[Array]) -> NDArray[np.float32] | list[Array]:
+    """Lines with the same number of points as one array, which Rerun takes much faster."""
+    alike = len({len(line) for line in lines}) == 1
+    return np.stack(lines).astype(np.float32) if alike else lines
 
 
 def draw_localization_status(canvas: Canvas, status: doc.LocalizationStatus) -> None:
@@ -356,13 +379,19 @@ def _draw_outlines(
 ) -> None:
     path = "aruco/detections/outline"
     if canvas.changed(path, bool(outlines)) or outlines:
-        lines = rr.LineStrips2D.from_fields(colors=palette.MARKER, radii=1.5, draw_order=30.0)
-        canvas.frame(path, frame, lines)
-        canvas.recording.log(path, rr.LineStrips2D(outlines))
+        canvas.frame(
+            path, frame,
+            lambda: rr.LineStrips2D.from_fields(
+                colors=palette.MARKER, radii=1.5, draw_order=30.0
+            ),
+        )  # fmt: skip
+        canvas.recording.log(path, rr.LineStrips2D(_strips(outlines)))
         # A label is drawn over the middle of its outline, and would hide the marker.
         below = [(outline[:, 0].mean(), outline[:, 1].max() + 8.0) for outline in outlines]
-        points = rr.Points2D.from_fields(colors=palette.NAME, radii=0.0, show_labels=True)
-        canvas.frame(f"{path}/name", frame, points)
+        canvas.frame(
+            f"{path}/name", frame,
+            lambda: rr.Points2D.from_fields(colors=palette.NAME, radii=0.0, show_labels=True),
+        )  # fmt: skip
         canvas.recording.log(f"{path}/name", rr.Points2D(below, labels=names))
 
 

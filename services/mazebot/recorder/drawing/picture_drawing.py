@@ -23,6 +23,8 @@ DEPTH_FRAME = "camera_depth"
 _DEPTH_NS = 480_000_000
 _DEPTH_RANGE_M = (0.0, 10.0)
 """Range of the depth image's colours."""
+_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE)
+"""Without filters, of which libpng would try all five on every row: a third of the time."""
 
 
 def draw_camera_image(canvas: Canvas, image: msg.Image) -> None:
@@ -95,7 +97,7 @@ def _depth_png(image: msg.Image) -> rr.EncodedDepthImage:
         scaled = np.nan_to_num(scaled, nan=0.0, posinf=0.0, neginf=0.0)
     np.rint(scaled, out=scaled)
     millimetres = np.clip(scaled, 0, 65_535, out=scaled).astype(np.uint16)
-    _, png = cv2.imencode(".png", millimetres, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    _, png = cv2.imencode(".png", millimetres, _PNG)
     return rr.EncodedDepthImage(
         blob=png.tobytes(),
         media_type=rr.components.MediaType.PNG,

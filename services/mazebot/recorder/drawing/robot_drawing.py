@@ -106,15 +106,25 @@ def draw_imu(canvas: Canvas, imu: msg.Imu) -> None:
 
 def draw_scan(canvas: Canvas, scan: msg.LaserScan) -> None:
     """The scan's hits five times a second, in the lidar's frame: relative to the estimated pose."""
-    if not canvas.due("scan", canvas.at(scan.header.stamp), _SCAN_NS):
+    _draw_hits(canvas, "scan", scan, palette.SCAN)
+
+
+def draw_depth_scan(canvas: Canvas, scan: msg.LaserScan) -> None:
+    """What the depth image shows above the floor, likewise in the camera's frame."""
+    _draw_hits(canvas, "camera/depth/scan", scan, palette.DEPTH_SCAN)
+
+
+def _draw_hits(canvas: Canvas, path: str, scan: msg.LaserScan, color: tuple[int, int, int]) -> None:
+    if not canvas.due(path, canvas.at(scan.header.stamp), _SCAN_NS):
         return
     ranges_m = scan.ranges
     echo = (ranges_m >= scan.range_min) & (ranges_m <= scan.range_max)
     directions = _directions(len(ranges_m), scan.angle_min, scan.angle_increment)
     points = ranges_m[echo, np.newaxis] * directions[echo]
-    looks = rr.Points3D.from_fields(colors=palette.SCAN, radii=0.02)
-    canvas.frame("scan", scan.header.frame_id, looks)
-    canvas.recording.log("scan", rr.Points3D(points))
+    canvas.frame(
+        path, scan.header.frame_id, lambda: rr.Points3D.from_fields(colors=color, radii=0.02)
+    )
+    canvas.recording.log(path, rr.Points3D(points))
 
 
 def draw_ground_truth_odom(canvas: Canvas, odometry: msg.Odometry) -> None:

@@ -11,7 +11,7 @@ from mazebot.common.figures.mapping_table import mapping_rows
 from mazebot.common.messages import action_documents as act
 from mazebot.common.messages import documents as doc
 from mazebot.common.messages import messages as msg
-from mazebot.recorder.drawing.canvas import Canvas, entity_part
+from mazebot.recorder.drawing.canvas import LATCH_NS, Canvas, entity_part
 
 _SECOND_NS = 1_000_000_000
 _MAPPING_NS = 5_000_000_000
@@ -78,6 +78,10 @@ def draw_simulation_stats(canvas: Canvas, stats: doc.SimulationStats) -> None:
 
 def draw_behavior_tree(canvas: Canvas, log: act.BehaviorTreeLog) -> None:
     """The tree, indented, with a mark for what each node answered."""
+    path, now_ns = "behavior_tree", canvas.now_ns
+    if not canvas.changed(path, log) and not canvas.due(path, now_ns, LATCH_NS):
+        return
+    canvas.due(path, now_ns, 0)
     lines = [f"# {_escaped(log.action.replace('_', ' ') or 'no action')}", "", "```"]
     for node in log.nodes:
         label = node.kind if node.name == node.kind else f"{node.kind} {node.name!r}"
@@ -85,9 +89,9 @@ def draw_behavior_tree(canvas: Canvas, log: act.BehaviorTreeLog) -> None:
     legend = "running, succeeded, failed, skipped, not ticked"
     marks = zip(_MARKS.values(), legend.split(", "), strict=True)
     lines += ["```", "", ", ".join(f"{mark} {word}" for mark, word in marks)]
-    canvas.recording.at(canvas.now_ns)
+    canvas.recording.at(now_ns)
     document = rr.TextDocument("\n".join(lines), media_type=rr.MediaType.MARKDOWN)
-    canvas.recording.log("behavior_tree", document)
+    canvas.recording.log(path, document)
     running = _running(log)
     if canvas.changed("behavior_tree/running", running):
         canvas.recording.log("behavior_tree/running", rr.StateChange(state=running))

@@ -9,6 +9,7 @@ from mazebot.common.maths.pose_history import PoseHistory
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.documents import MarkerEntity
 from mazebot.common.messages.messages import matrix_from_pose, ns_from_time, se2_from_pose
+from mazebot.common.node.frame_tree import FrameTree
 from mazebot.recorder.judging.marker_errors import marker_errors_m
 
 _HOLD_NS = 50_000_000
@@ -28,7 +29,7 @@ class TruthComparison:
     def __init__(self, map_from_start: SE2) -> None:
         self._map_from_start = map_from_start
         self._truth = PoseHistory(300)
-        self._static: dict[str, msg.TransformStamped] = {}
+        self._static = FrameTree()
 
     def add_truth(self, odometry: msg.Odometry) -> None:
         """Add a true pose, map from base_footprint."""
@@ -36,7 +37,7 @@ class TruthComparison:
 
     def add_static_transforms(self, transforms: msg.TFMessage) -> None:
         """Add fixed frames of the robot."""
-        self._static.update({entry.child_frame_id: entry for entry in transforms.transforms})
+        self._static.add(transforms)
 
     def localisation(self, estimate: msg.PoseWithCovarianceStamped) -> PoseError | None:
         """Error of an estimated pose, map from base_footprint."""
@@ -54,7 +55,7 @@ class TruthComparison:
         map_from_base = self._truth.at(ns_from_time(detections.header.stamp), _HOLD_NS)
         if map_from_base is None:
             return []
-        return marker_errors_m(detections, map_from_base, self._static.values(), entities)
+        return marker_errors_m(detections, map_from_base, self._static, entities)
 
     def _error(self, stamp_ns: int, pose: SE2) -> PoseError | None:
         matrix = self._truth.at(stamp_ns, _HOLD_NS)

@@ -11,7 +11,7 @@ from mazebot.common.maths.frames import BASE_FOOTPRINT_FRAME, SCAN_FRAME, Array
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.action_documents import ActionFeedback
 from mazebot.common.messages.documents import Contact, Entities, Evaluation, World
-from mazebot.common.messages.messages import chain_transforms, ns_from_time
+from mazebot.common.messages.messages import ns_from_time
 from mazebot.common.messages.slam_documents import ExplorationStatus, PoseGraph
 from mazebot.common.recordings.series import RunSeries
 from mazebot.recorder.judging.error_summary import ErrorSummary
@@ -80,8 +80,7 @@ class RunEvaluation:
     def add_static_transforms(self, transforms: msg.TFMessage) -> None:
         """Add fixed frames of the robot."""
         self._markers.add_static_transforms(transforms)
-        static = list(self._markers.static)
-        base_from_scan = chain_transforms(static, BASE_FOOTPRINT_FRAME, SCAN_FRAME)
+        base_from_scan = self._markers.static.chain(BASE_FOOTPRINT_FRAME, SCAN_FRAME)
         if self._mapping is not None and base_from_scan is not None:
             self._mapping.set_scan_height(float(base_from_scan[2, 3]))
 
@@ -173,7 +172,7 @@ class RunEvaluation:
             localisation_error_rad=self._poses.error_rad.statistics(),
             localization=self._poses.consistency(),
             marker_error_m=self._markers.error_m.statistics(),
-            odometry_drift_m=self._poses.drift_m,
+            odometry_drift_m=self._poses.drift_m(self._truth),
             mapping=self._mapping.evaluation(self._truth.driven_m, self._truth.on_the_way)
             if self._mapping is not None
             else None,
@@ -205,7 +204,7 @@ class RunEvaluation:
         self._settle()
         values = {
             **self._goals.values(),
-            **self._poses.values(),
+            **self._poses.values(self._truth),
             "contacts": [contact.model_dump(mode="json") for contact in self._contacts],
             "contact_count": self._contact_count,
             "seen": dict(self._markers.seen),

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
 
 import numpy as np
 
 from mazebot.common.maths.frames import BASE_FOOTPRINT_FRAME, Array
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.documents import MarkerEntity
-from mazebot.common.messages.messages import chain_transforms, ns_from_time
+from mazebot.common.messages.messages import ns_from_time
+from mazebot.common.node.frame_tree import FrameTree
 from mazebot.recorder.judging.error_summary import ErrorSummary
 from mazebot.recorder.judging.pending import Pending
 from mazebot.recorder.judging.poses.true_poses import TruePoses
@@ -22,7 +22,7 @@ class MarkerErrors:
     def __init__(self) -> None:
         self.entities: tuple[MarkerEntity, ...] = ()
         """The markers of the world."""
-        self.static: tuple[msg.TransformStamped, ...] = ()
+        self.static = FrameTree()
         """Fixed frames of the robot."""
         self.seen: Counter[str] = Counter()
         """Number of images in which each marker was detected, by its id."""
@@ -31,8 +31,7 @@ class MarkerErrors:
 
     def add_static_transforms(self, transforms: msg.TFMessage) -> None:
         """Add fixed frames of the robot."""
-        known = {entry.child_frame_id: entry for entry in (*self.static, *transforms.transforms)}
-        self.static = tuple(known.values())
+        self.static.add(transforms)
 
     def add(self, detections: msg.Detection3DArray) -> list[str]:
         """Add the markers detected in one image; returns the ids that were not seen before."""
@@ -61,15 +60,13 @@ class MarkerErrors:
 def marker_errors_m(
     detections: msg.Detection3DArray,
     map_from_base: Array,
-    static: Iterable[msg.TransformStamped],
+    static: FrameTree,
     entities: tuple[MarkerEntity, ...],
 ) -> list[tuple[str, float]]:
     """Id of each marker detected in the camera's frame, and the distance (m) of its best solution
     to the nearest true position of a marker with that id.
     """
-    base_from_camera = chain_transforms(
-        list(static), BASE_FOOTPRINT_FRAME, detections.header.frame_id
-    )
+    base_from_camera = static.chain(BASE_FOOTPRINT_FRAME, detections.header.frame_id)
     if base_from_camera is None:
         return []
     map_from_camera = map_from_base @ base_from_camera

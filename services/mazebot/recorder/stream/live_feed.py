@@ -8,7 +8,6 @@ from collections.abc import Callable, Hashable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import rerun as rr
 
 if TYPE_CHECKING:
@@ -81,15 +80,13 @@ class LiveFeed:
                 self._waiting.clear()
                 self._waiting_bytes = 0
 
-    def log(self, path: str, batches: Batches, stamp_ns: int, static: bool) -> None:
-        """Show components of an entity from a time on."""
+    def log_static(self, path: str, batches: Batches) -> None:
+        """Show components of an entity at every time."""
 
         def log(stream: rr.RecordingStream) -> None:
-            if not static:
-                stream.set_time(TIMELINE, duration=np.timedelta64(stamp_ns, "ns"))
-            stream.log(path, batches, static=static)
+            stream.log(path, batches, static=True)
 
-        key = path, static, *(batch.component_descriptor() for batch in batches)
+        key = path, "static", *(batch.component_descriptor() for batch in batches)
         size_bytes = sum(batch.as_arrow_array().nbytes for batch in batches)
         self._put(_Waiting(key, size_bytes, log))
 
@@ -103,7 +100,8 @@ class LiveFeed:
             rr.send_columns(path, [times], columns, recording=stream)
 
         size_bytes = sum(column.as_arrow_array().nbytes for column in columns)
-        self._put(_Waiting((path, "columns"), size_bytes, log))
+        key = path, "columns", *(column.component_descriptor() for column in columns)
+        self._put(_Waiting(key, size_bytes, log))
 
     def close(self) -> bool:
         """Send the rest; False if a viewer did not accept it in time."""

@@ -13,12 +13,9 @@ from typing import Any, NamedTuple
 
 from mazebot.common.messages import wire
 from mazebot.common.messages.topics import BY_NAME, Topic
+from mazebot.common.messages.type_hash import hash_of
 from mazebot.common.node.node import Envelope
-from mazebot.common.recordings.mcap.mcap_channels import (
-    definition_of,
-    qos_profiles_of,
-    type_hash_of,
-)
+from mazebot.common.recordings.mcap.mcap_channels import definition_of, qos_profiles_of
 from mazebot.common.recordings.mcap.mcap_counts import by_origin, count_messages
 from mazebot.common.recordings.mcap.mcap_file import McapFile, Row
 from mazebot.common.recordings.mcap.mcap_messages import MADE_FROM, REPEATED, SOURCE, WORLD_HASH
@@ -270,7 +267,7 @@ def _add_channel(file: McapFile, route: _Route) -> None:
         SOURCE: source,
         WORLD_HASH: world_hash,
         "offered_qos_profiles": qos_profiles_of(topic_name),
-        "topic_type_hash": type_hash_of(type_name),
+        "topic_type_hash": hash_of(type_name),
     }
     if made_from:
         texts[MADE_FROM] = made_from

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pyarrow as pa
 import rerun as rr
 
 from mazebot.recorder.stream.file_writer import FileWriter, RecordingError
@@ -40,19 +41,23 @@ _EVENT = "rerun.archetypes.TextLog"
 _CLOSE_TIMEOUT_S = 1.5
 _FLUSH_TIMEOUT_S = 1.0
 _MOST_WAITING = 8
+_MOST_UNMADE = 8
+"""Waking the other thread for each takes the interpreter from this one."""
 _UNSEEN = 1e-6
 """Scale of hidden entities: Rerun warns about 0, and about a frame without a transform."""
 
 
 Vector = tuple[float, float, float]
 Xyzw = tuple[float, float, float, float]
+_Unmade = tuple[int, str, Callable[[], rr.AsComponents]]
+"""Time, entity, and what makes the value."""
 
 
 class Recording:
     """A stream of drawn messages into a file, to the live view, or both.
 
-    Numbers and transforms are many and small: they are collected and sent together for each entity,
-    at a hundredth of the cost of logging each.
+    What changes over time is collected and sent together for each entity, at a fraction of the cost
+    of logging each value.
     """
 
     def __init__(
@@ -69,13 +74,17 @@ class Recording:
         self._file: rr.RecordingStream | None = None
         self._writer: FileWriter | None = None
         self._stamp_ns = -1
-        self._logged_stamp_ns: int | None = None
         self._maker = ThreadPoolExecutor(1, thread_name_prefix="recording")
         self._making: deque[Future[None]] = deque()
         self._scalars: dict[str, _Series] = {}
         self._transforms: dict[tuple[str, str, str, bool], _Transforms] = {}
         self._placed: dict[str, tuple[int, tuple[float, ...], tuple[object, ...]]] = {}
         """Of each path with a transform: when the last one was logged, its numbers and frames."""
+        self._unmade: list[_Unmade] = []
+        self._rows: dict[str, list[_Rows]] = {}
+        """By entity, in the order in which they were logged."""
+        self._lock = threading.Lock()
+        """Held while these are added to or taken."""
         self._shown: dict[tuple[str, bool, rr.ComponentDescriptor], tuple[int, bytes]] = {}
         """Of each component of an entity: when it was last logged, and the digest of its data."""
         if path is not None:
@@ -102,14 +111,13 @@ class Recording:
 
     def log(self, path: str, *archetypes: rr.AsComponents, static: bool = False) -> None:
         """Log archetypes to an entity; static ones hold at every time."""
-        if self._file is not None and self._logged_stamp_ns != self._stamp_ns:
-            self._logged_stamp_ns = self._stamp_ns
-            self._file.set_time(TIMELINE, duration=np.timedelta64(self._stamp_ns, "ns"))
         self._log(path, archetypes, self._stamp_ns, static)
 
     def log_later(self, path: str, make: Callable[[], rr.AsComponents]) -> None:
         """Log to an entity what takes long to make, in another thread."""
-        self._later(self._make, self._stamp_ns, path, make)
+        self._unmade.append((self._stamp_ns, path, make))
+        if len(self._unmade) >= _MOST_UNMADE:
+            self._make_later()
 
     def scalar(self, path: str, value: float) -> None:
         """Log a number to an entity; of equal ones in a row only the first and the last."""
@@ -141,14 +149,23 @@ class Recording:
         rows.translations_m.append(translation_m)
         rows.xyzws.append(xyzw)
 
-    def send_transforms(self) -> None:
-        """Log the queued transforms, in another thread."""
+    def send(self) -> None:
+        """Send what is queued, but for numbers, in another thread."""
+        self._make_later()
         queued, self._transforms = self._transforms, {}
         self._later(self._send_transforms, queued)
+        self._later(self._send_rows)
 
     def _send_numbers(self, queued: Mapping[str, tuple[list[int], list[float]]]) -> None:
         for path, (stamps_ns, values) in queued.items():
             self._send_columns(path, stamps_ns, rr.Scalars.columns(scalars=values))
+
+    def _send_rows(self) -> None:
+        with self._lock:
+            queued, self._rows = self._rows, {}
+        for path, each in queued.items():
+            for rows in each:
+                self._send_columns(path, rows.stamps_ns, rows.columns())
 
     def _send_transforms(self, queued: Mapping[tuple[str, str, str, bool], _Transforms]) -> None:
         for (path, parent_frame, child_frame, shown), rows in queued.items():
@@ -218,7 +235,7 @@ class Recording:
                 raise RecordingError(_one_line(error)) from error
 
     def _send_all(self) -> None:
-        self.send_transforms()
+        self.send()
         taken = ((path, series.take()) for path, series in self._scalars.items())
         self._later(self._send_numbers, {path: points for path, points in taken if points[0]})
 
@@ -233,14 +250,18 @@ class Recording:
 
     def finish(self) -> None:
         """Return when everything that was asked for is done."""
+        self._make_later()
         while self._making:
             self._making.popleft().result()
 
-    def _make(self, stamp_ns: int, path: str, make: Callable[[], rr.AsComponents]) -> None:
-        if self._file is not None:
-            # Rerun keeps the time per thread.
-            self._file.set_time(TIMELINE, duration=np.timedelta64(stamp_ns, "ns"))
-        self._log(path, (make(),), stamp_ns, static=False)
+    def _make_later(self) -> None:
+        unmade, self._unmade = self._unmade, []
+        if unmade:
+            self._later(self._make, unmade)
+
+    def _make(self, unmade: Iterable[_Unmade]) -> None:
+        for stamp_ns, path, make in unmade:
+            self._log(path, (make(),), stamp_ns, static=False)
 
     def _log(
         self, path: str, archetypes: Iterable[rr.AsComponents], stamp_ns: int, static: bool
@@ -250,10 +271,23 @@ class Recording:
         ]
         if self._is_as_before(path, batches, stamp_ns, static):
             return
+        if not static:
+            self._queue(path, batches, stamp_ns)
+            return
         if self._file is not None:
-            self._file.log(path, batches, static=static)
+            self._file.log(path, batches, static=True)
         if self._live is not None:
-            self._live.log(path, batches, stamp_ns, static)
+            self._live.log_static(path, batches)
+
+    def _queue(self, path: str, batches: Batches, stamp_ns: int) -> None:
+        descriptors = tuple(batch.component_descriptor() for batch in batches)
+        with self._lock:
+            each = self._rows.setdefault(path, [])
+            # At equal times a viewer shows what was sent last.
+            if not each or each[-1].descriptors != descriptors:
+                each.append(_Rows(descriptors))
+            each[-1].stamps_ns.append(stamp_ns)
+            each[-1].values.append([batch.as_arrow_array() for batch in batches])
 
     def _is_as_before(self, path: str, batches: Batches, stamp_ns: int, static: bool) -> bool:
         """Whether a viewer shows the same already: it shows the newest value of every component."""
@@ -282,13 +316,44 @@ class Recording:
         return 0 <= stamp_ns - logged_ns < AGAIN_NS
 
     def _send_columns(
-        self, path: str, stamps_ns: list[int], columns: rr.ComponentColumnList
+        self, path: str, stamps_ns: list[int], columns: Iterable[rr.ComponentColumn]
     ) -> None:
         times = rr.TimeColumn(TIMELINE, duration=np.array(stamps_ns, "timedelta64[ns]"))
         if self._file is not None:
             rr.send_columns(path, [times], columns, recording=self._file)
         if self._live is not None:
             self._live.send_columns(path, times, columns)
+
+
+class _Rows:
+    """Values of the same components of an entity at several times."""
+
+    def __init__(self, descriptors: tuple[rr.ComponentDescriptor, ...]) -> None:
+        self.descriptors = descriptors
+        self.stamps_ns: list[int] = []
+        self.values: list[list[pa.Array]] = []
+        """At each time, one of each component."""
+
+    def columns(self) -> list[rr.ComponentColumn]:
+        """The values by component."""
+        return [
+            rr.ComponentColumn(
+                descriptor, _Arrow(pa.concat_arrays(arrays)), lengths=[len(one) for one in arrays]
+            )
+            for descriptor, arrays in zip(
+                self.descriptors, zip(*self.values, strict=True), strict=True
+            )
+        ]
+
+
+class _Arrow:
+    """Values of a component, as Rerun takes them."""
+
+    def __init__(self, array: pa.Array) -> None:
+        self._array = array
+
+    def as_arrow_array(self) -> pa.Array:
+        return self._array
 
 
 class _Series:
@@ -333,9 +398,9 @@ def _is_same(before: float, now: float) -> bool:
 
 
 def _digest(batch: rr.DescribedComponentBatch) -> bytes:
+    """Of its values: their type is that of the component."""
     array = batch.as_arrow_array()
-    about = f"{array.type} {array.offset} {len(array)}".encode()
-    digest = hashlib.sha1(about, usedforsecurity=False)
+    digest = hashlib.sha1(b"%d %d" % (array.offset, len(array)), usedforsecurity=False)
     for buffer in array.buffers():
         if buffer is not None:
             digest.update(buffer)

@@ -12,12 +12,14 @@ import numpy as np
 from PIL import Image
 from trimesh.resolvers import Resolver
 
+from mazebot.common.files.images import ImageError, open_image
+from mazebot.common.files.limits import MAX_DOCUMENT_BYTES, MAX_IMAGE_PIXELS
+from mazebot.common.files.reading import NotReadableError, read_limited
 from mazebot.common.problems import shown_value
 
-MAX_FILE_BYTES = 64 * 1024 * 1024
+MAX_COMMENTS = 1_000_000
 MAX_TEXTURE_PX = 2048
 """Side of a texture; larger ones are scaled down."""
-MAX_IMAGE_PIXELS = 64 * 1024 * 1024
 
 
 class MeshError(Exception):
@@ -26,15 +28,10 @@ class MeshError(Exception):
 
 def read_bytes(path: Path) -> bytes:
     """Contents of a file. Raises MeshError, or OSError."""
-    if not path.is_file():
-        # Opening a pipe would block forever.
-        path.stat()
-        raise MeshError("must be a file")
-    with path.open("rb") as file:
-        data = file.read(MAX_FILE_BYTES + 1)
-    if len(data) > MAX_FILE_BYTES:
-        raise MeshError(f"must have at most {MAX_FILE_BYTES} bytes")
-    return data
+    try:
+        return read_limited(path, MAX_DOCUMENT_BYTES)
+    except NotReadableError as error:
+        raise MeshError(str(error)) from error
 
 
 class MeshFiles(Resolver):
@@ -83,9 +80,9 @@ class MeshFiles(Resolver):
 
     def _check_picture(self, data: bytes, name: str) -> None:
         try:
-            Image.open(io.BytesIO(data)).close()
-        except Exception as error:
-            self.problem = self.problem or MeshError(f"{shown_value(name)}: must be an image")
+            open_image(data).close()
+        except ImageError as error:
+            self.problem = self.problem or MeshError(f"{shown_value(name)}: {error}")
             raise self.problem from error
 
     def png(self, image: Image.Image) -> bytes:
@@ -115,9 +112,18 @@ class MeshFiles(Resolver):
 
 
 def bare_lines(text: bytes) -> bytes:
-    """OBJ and MTL without comments and runs of blanks."""
-    # The time that readers take grows with the square of a run of blanks.
-    return re.sub(rb"[ \t]+", b" ", re.sub(rb"(?m)(^|[ \t])#.*$", b"", text))
+    """OBJ and MTL without comments and runs of blanks. Raises MeshError for too many comments."""
+    if text.count(b"#") > MAX_COMMENTS:
+        raise MeshError(f"must have at most {MAX_COMMENTS} comments")
+    if b"#" in text:
+        text = re.sub(rb"(?m)(^|[ \t])#.*$", b"", text)
+    # The time that readers take grows with the square of a run of blanks. Substituting one by one
+    # would take ten times the memory of the file.
+    characters = np.frombuffer(text.replace(b"\t", b" "), np.uint8)
+    blank = characters == ord(" ")
+    blank[1:] &= blank[:-1]
+    blank[:1] = False
+    return bytes(characters[~blank])
 
 
 def _png(image: Image.Image) -> bytes:

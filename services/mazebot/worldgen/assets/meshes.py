@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from mazebot.common.config import ConfigError
+from mazebot.common.files.images import ImageError, open_image
 from mazebot.common.maths import portable
 from mazebot.common.maths.frames import Array
 from mazebot.common.messages.documents import Rgba
@@ -35,6 +36,7 @@ from mazebot.worldgen.xml_comments import without_comments
 
 MAX_NODES = 20_000
 MAX_DEPTH = 50
+MAX_OBJ_LINE = 65_536
 MAX_OBJECTS = 2_000
 MAX_COORDINATE_M = 1e5
 
@@ -168,6 +170,7 @@ def _read_stl(data: bytes, _: MeshFiles) -> Iterator[_Piece]:
 
 def _read_obj(data: bytes, files: MeshFiles) -> Iterator[_Piece]:
     data = bare_lines(data)
+    _check_obj(data)
     known = _obj_names(data)
     scene = trimesh.load_scene(
         io.BytesIO(data), file_type="obj", resolver=files, process=False,
@@ -177,6 +180,18 @@ def _read_obj(data: bytes, files: MeshFiles) -> Iterator[_Piece]:
     for joined, geometry in sorted(scene.geometry.items()):
         of = tuple(name for name in known if f"_{name}_" in f"_{joined}_")
         yield _of_trimesh((joined, *of), geometry, _IDENTITY)
+
+
+def _check_obj(data: bytes) -> None:
+    """Raises MeshError for an OBJ that takes much more memory than its file: with too many faces,
+    or too many corners in one.
+    """
+    if data.count(b"\nf ") + data.count(b"\n f ") > MAX_TRIANGLES:
+        raise MeshError(f"must have at most {MAX_TRIANGLES} triangles")
+    ends = np.flatnonzero(np.frombuffer(data, np.uint8) == ord("\n"))
+    longest = np.diff(ends, prepend=-1, append=len(data)).max()
+    if longest > MAX_OBJ_LINE or data.count(b"\\\n") > MAX_OBJ_LINE:
+        raise MeshError(f"must have lines of at most {MAX_OBJ_LINE} characters")
 
 
 def _obj_names(data: bytes) -> list[str]:
@@ -255,9 +270,9 @@ def _check_header(data: bytes, is_binary: bool) -> None:
             first = start + view.get("byteOffset", 0)
             picture = whole[first : first + view["byteLength"]]
             try:
-                Image.open(io.BytesIO(picture)).close()
-            except Exception as error:
-                raise MeshError("a texture is damaged, or is not an image") from error
+                open_image(picture).close()
+            except ImageError as error:
+                raise MeshError(f"a texture {error}") from error
 
 
 def _of_trimesh(names: tuple[str, ...], geometry: Any, matrix: Array) -> _Piece:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from mazebot.common.files import png
+from mazebot.common.files.reading import read_limited
 
 
 def read_texture_file(path: Path) -> bytes:
@@ -13,12 +14,7 @@ def read_texture_file(path: Path) -> bytes:
     Raises ValueError otherwise, with a phrase that continues after the file's name.
     """
     try:
-        if path.exists() and not path.is_file():
-            # Reading a pipe would block forever.
-            raise ValueError("is not a file, must be a PNG")
-        if path.stat().st_size > png.MAX_BYTES:
-            raise ValueError(f"must have at most {png.MAX_BYTES} bytes")
-        data = path.read_bytes()
+        data = read_limited(path, png.MAX_BYTES)
     except OSError as error:
         raise ValueError(f"cannot be read ({error.strerror}), must be a PNG") from error
     problem = png.problem(data)

@@ -12,6 +12,8 @@ import numpy as np
 from pydantic import FiniteFloat, TypeAdapter
 
 from mazebot.common.config import ConfigError
+from mazebot.common.files.limits import MAX_DOCUMENT_BYTES
+from mazebot.common.files.reading import NotReadableError, read_limited, reason
 from mazebot.common.maths.frames import Array, inverse_matrix, quaternion_from_rotation
 from mazebot.common.messages import documents as doc
 from mazebot.common.world.placement import CONTACT_M
@@ -37,7 +39,7 @@ from mazebot.worldgen.sdf.notes import (
     validated,
 )
 from mazebot.worldgen.sdf.parts import Group, Part, groups_of, product
-from mazebot.worldgen.sdf.pictures import MAX_PIXELS, picture_as_png
+from mazebot.worldgen.sdf.pictures import picture_as_png
 from mazebot.worldgen.sdf.recipe_file import ImportedWorld
 
 FLOOR_M = 0.001
@@ -496,12 +498,12 @@ class _Conversion:
                 raise OSError(0, "must be a YAML file beside the SDF file")
             beside = [one for one in sorted(file.parent.iterdir()) if one.stem == file.stem]
             for one in beside:
-                if one.is_symlink() or one.stat().st_size > MAX_PIXELS:
-                    raise OSError(0, f"{one.name} is too large, or a symbolic link")
-                self._files[f"maps/{one.name}"] = one.read_bytes()
+                if one.is_symlink():
+                    raise OSError(0, f"{one.name} is a symbolic link")
+                self._files[f"maps/{one.name}"] = read_limited(one, MAX_DOCUMENT_BYTES)
             return file.name
-        except OSError as error:
-            what = f"map {path!r:.60}: {error.strerror}"
+        except (OSError, NotReadableError) as error:
+            what = f"map {path!r:.60}: {reason(error)}"
             self._errors.append(self._found("FILE_READ", str(file), what))
             return ""
 

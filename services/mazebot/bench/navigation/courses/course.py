@@ -203,6 +203,11 @@ class Course:
         self.around.posts[name] = Post(name, radius_m)
         return True
 
+    def take_post_away(self, name: str) -> None:
+        """Remove a cylinder that goes to and fro."""
+        self.session.remove(name)
+        self.around.posts[name].until_s = self.now_s
+
     def _spawn(self, entity: BodyEntity) -> bool:
         try:
             self.session.spawn(entity)

@@ -138,7 +138,7 @@ def unknown_start(place: BenchWorld, camera: bool, within_s: float) -> RunSeed:
             # `mazebot localize --global`.
             course.session.move_robot(*target)
             course.run_for(0.5)
-            asked = _ask_for_search(course)
+            asked = ask_for_search(course)
             row = Row(name, course.place.shown, seed, 0, scene=course.around.outlines())
             watch = _Kidnap(target)
             watch.at_s = course.now_s
@@ -161,7 +161,7 @@ def unknown_start(place: BenchWorld, camera: bool, within_s: float) -> RunSeed:
     return run
 
 
-def _ask_for_search(course: Course) -> bool:
+def ask_for_search(course: Course) -> bool:
     """Ask localisation to search the whole map; whether it answered."""
     try:
         return not course.session.ask(REINITIALIZE_GLOBAL_LOCALIZATION, Empty()).error

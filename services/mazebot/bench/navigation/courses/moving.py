@@ -14,6 +14,7 @@ from mazebot.bench.navigation.courses.bench_worlds import DOOR_WIDTH_M, BenchWor
 from mazebot.bench.navigation.courses.course import Course, rectangle
 from mazebot.bench.navigation.courses.tours import random_poses, tour_of
 from mazebot.bench.navigation.scenario import Options, Row, RunSeed, Settings
+from mazebot.bench.navigation.surroundings import Surroundings
 from mazebot.common.maths.frames import SE2, Array
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.topics import GLOBAL_COSTMAP, PLAN
@@ -194,12 +195,12 @@ def _put_posts(course: Course, random: np.random.Generator, posts: int, yields: 
             break
         way = known[int(random.integers(len(known)))]
         radius_m, speed = float(random.uniform(0.1, 0.16)), float(random.uniform(0.2, 0.5))
-        spot, across = _spot_on(way, float(random.uniform(0.15, 0.85)))
+        spot, across = place_on(way, float(random.uniform(0.15, 0.85)))
         if min(math.dist(spot, goal[:2]) for goal in goals) < 0.9:
             continue
         if min((math.dist(spot, other) for other in spots), default=math.inf) < APART_M:
             continue
-        ends = _across(course, spot, across, radius_m + 0.05)
+        ends = widest_across(course.around, spot, across, radius_m + 0.05)
         # Beside a post that stands at one wall the robot must fit through.
         if ends is None or math.dist(*ends) < 0.65:
             continue
@@ -208,7 +209,7 @@ def _put_posts(course: Course, random: np.random.Generator, posts: int, yields: 
     return len(spots)
 
 
-def _spot_on(way: Array, share: float) -> tuple[tuple[float, float], tuple[float, float]]:
+def place_on(way: Array, share: float) -> tuple[tuple[float, float], tuple[float, float]]:
     """The place at a share of a way's length, and the direction across it there."""
     along_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))])
     at_m = share * along_m[-1]
@@ -219,8 +220,8 @@ def _spot_on(way: Array, share: float) -> tuple[tuple[float, float], tuple[float
     return (x, y), (-dy / length_m, dx / length_m)
 
 
-def _across(
-    course: Course, spot: tuple[float, float], across: tuple[float, float], margin_m: float
+def widest_across(
+    around: Surroundings, spot: tuple[float, float], across: tuple[float, float], margin_m: float
 ) -> tuple[tuple[float, float], tuple[float, float]] | None:
     """Both ends of a line across the way, a margin before the walls; None where it is too wide."""
     ends = []
@@ -228,7 +229,7 @@ def _across(
         far = spot[0] + sign * 1.5 * across[0], spot[1] + sign * 1.5 * across[1]
         ray = shapely.LineString([spot, far])
         hits = [shapely.distance(shapely.Point(spot), shapely.intersection(one, ray))
-                for one in course.around.solids if shapely.intersects(one, ray)]  # fmt: skip
+                for one in around.solids if shapely.intersects(one, ray)]  # fmt: skip
         free_m = min(hits, default=1.5) - margin_m
         if free_m < 0.0:
             return None
@@ -250,7 +251,7 @@ def unreachable_goal(name: str, seed: int, options: Options) -> list[Row]:
     row.extra["opens"] = opens
     if not opens:
         took_s = row.time_s - closed_s
-        named_m = _named_m(row.error_msg, (0.0, 0.0))
+        named_m = nearest_named_m(row.error_msg, (0.0, 0.0))
         row.extra |= {"took_s": round(took_s, 2), "named_m": named_m}
         row.success = (
             row.error_code in CLOSED_CODES and took_s <= 20.0 and named_m is not None
@@ -294,7 +295,7 @@ def places_in(text: str) -> list[tuple[float, float]]:
     return [(float(x), float(y)) for x, y in _PLACE.findall(text)]
 
 
-def _named_m(text: str, place: tuple[float, float]) -> float | None:
+def nearest_named_m(text: str, place: tuple[float, float]) -> float | None:
     """Distance of the nearest place that a text names; None where it names none."""
     return min((math.dist(one, place) for one in places_in(text)), default=None)
 

@@ -2,7 +2,17 @@
 
 from __future__ import annotations
 
-from mazebot.bench.navigation.courses import bench_worlds, docks, lost, moving, tours, trust
+from mazebot.bench.navigation.courses import (
+    bench_worlds,
+    docks,
+    doors,
+    hidden,
+    lost,
+    moving,
+    people,
+    tours,
+    trust,
+)
 from mazebot.bench.navigation.courses.bench_worlds import BenchWorld
 from mazebot.bench.navigation.scenario import Scenario
 
@@ -52,6 +62,14 @@ SCENARIOS: tuple[Scenario, ...] = (
         "patrols_unpredicted", "the same with MPPI, without prediction",
         moving.patrols(yields=False, settings=moving.UNPREDICTED), 20, 2,
         "baseline for `patrols_predicted`",
+    ),
+    Scenario(
+        "head_on", "a person walks to and fro in a corridor of 1 to 1.5 m and stops for nobody",
+        people.head_on, 20, 4, "0 contacts of the robot's, all goals",
+    ),
+    Scenario(
+        "crushing_post", "a post drives the robot to a wall, which drives, stands or is lost",
+        people.crushing_post, 20, 3, "0 contacts of the robot's, never pinned, all goals",
     ),
     Scenario(
         "unknown_start_markers", "unknown start pose; twelve markers",
@@ -121,6 +139,32 @@ SCENARIOS: tuple[Scenario, ...] = (
         "waits, then passes, 10 of 10",
     ),
     Scenario(
+        "low_boxes", "boxes lower than the lidar's plane on the way, with camera",
+        hidden.on_the_way(hidden.low_box, 3), 20, 4, "all goals, 0 contacts",
+    ),
+    Scenario(
+        "sills", "bars of 3 cm across the way, with camera",
+        hidden.on_the_way(hidden.sill, 2), 20, 4, "all goals, 0 contacts",
+    ),
+    Scenario(
+        "table_tops", "boards above the lidar's plane on the way, with camera",
+        hidden.on_the_way(hidden.table_top, 2), 20, 4, "all goals, 0 contacts",
+    ),
+    Scenario(
+        "panes", "glass in the nearer door: with a rail that the camera sees, or with nothing",
+        hidden.panes, 20, 4,
+        "with a rail 0 contacts, without at most one, and an end or a way round within 20 s",
+    ),
+    Scenario(
+        "shut_door", "a door on the way is shut, and another way is free", doors.shut_door, 20, 3,
+        "40 of 40, 0 contacts",
+    ),
+    Scenario(
+        "narrow_door", "doors too narrow for the robot, with and without another way; wide ones",
+        doors.narrow_door, 20, 3,
+        "208 with the place and the width, or the other way; 0 contacts",
+    ),
+    Scenario(
         "start_in_inflation", "a start 1 to 6 cm from a wall", tours.start_in_inflation, 50, 10,
         "all succeed",
     ),
@@ -171,6 +215,8 @@ GROUPS = {
     "halls": ("corridor_30x2", "hall_20m", "hall_20m_pillars", "yard"),
     "unknown_start": ("unknown_start_markers", "unknown_start_lidar", "unknown_start_maze"),
     "moving": ("dropped_boxes", "box_removed", "patrols_yielding", "patrols"),
-    "doors": ("unreachable_goal", "door_closed_15s"),
+    "hidden": ("low_boxes", "sills", "table_tops", "panes"),
+    "doors": ("unreachable_goal", "door_closed_15s", "shut_door", "narrow_door"),
+    "people": ("head_on", "crushing_post"),
 }
 """Short names of several scenarios"""

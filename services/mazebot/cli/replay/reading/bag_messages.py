@@ -1,4 +1,4 @@
-"""Reads a bag of another robot: an MCAP file or a folder of rosbag2."""
+"""Reads a bag of another robot."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rosbags.rosbag2 import Reader
-
+from mazebot.cli.bags.bag import CDR, Bag, encoding_of, opened
 from mazebot.cli.replay.reading.bag_definitions import Decode, UnfitError, decoder_of
 from mazebot.cli.replay.reading.bag_time import BagTime, stamp_of
 from mazebot.cli.replay.reading.recording import Recording
@@ -37,9 +36,9 @@ from mazebot.common.node.node import Envelope
 _HEAD_MESSAGES = 5000
 """So many tell how the bag's time is related to the stamps."""
 _CLOCK_PERIOD_NS = round(1e9 / (CLOCK.rate_hz or 60.0))
-_FILES = (".mcap", ".db3")
 _OF_CLIENTS = (GOAL_POSE.name, INITIAL_POSE.name)
 _STEP_S = 1.0 / 240.0
+_MAP_TEXT = MAP_FRAME.encode() + b"\0"
 
 
 class _Channel(NamedTuple):
@@ -54,47 +53,28 @@ def open_bag(path: Path, slam: bool = False) -> Recording:
 
     Raises ConfigError where it cannot be read, or nothing in it fits.
     """
-    if path.is_dir() and not (path / "metadata.yaml").is_file():
-        files = ", ".join(sorted(one.name for one in path.iterdir() if one.suffix in _FILES))
-        must = f"or give one of its files: {files}" if files else "there is no .mcap or .db3 file"
-        raise ConfigError(
-            f"replay: {path}: has no metadata.yaml: run `ros2 bag reindex {path}`, {must}"
-        )
     recording = Recording(path.stem, 0, 0, lambda: iter(()), is_run=False, in_one_process=False)
-    try:
-        reader = Reader(path)
-        reader.open()
-        try:
-            channels = _channels(reader.connections, recording)
-            time, end_ns = _timed(reader, channels)
-        finally:
-            reader.close()
-    except ConfigError:
-        raise
-    except Exception as error:
-        # Each storage has errors of its own.
-        raise _unreadable(path, error) from error
-    if not channels:
-        others = "; ".join(recording.lines_of_unfit()) or "it has no messages"
+    with opened(path, "replay") as bag:
+        channels = _channels(bag.connections, recording)
+        fitting = [one for one in bag.connections if one.id in channels]
+        is_empty = next(bag.messages(fitting), None) is None
+        made, recording.end_ns = _timed(bag, channels)
+        services = _services(bag, channels)
+    if is_empty:
+        others = "; ".join(recording.lines_of_unfit()) or "it has none"
         raise ConfigError(f"replay: {path}: no usable messages: {others}")
     names = {channel.topic.name for channel in channels.values()}
-    recording.end_ns = end_ns
     recording.pictures = "raw" if CAMERA_IMAGE.name in names else "none"
-    services = {_service_of(channel.topic, None) for channel in channels.values()}
     recording.services = frozenset(services - {EDGE}) | {"worldgen", CLOCK_SERVICE}
     has_map = MAP.name in names and not slam
 
     def read() -> Iterator[Replayed]:
         recording.unfit.clear()
-        messages = _read(path, recording, channels, time)
+        messages = _read(path, recording, channels, made)
         yield from _clocked(_beginning(recording.name, not has_map), messages)
 
     recording.read = read
     return recording
-
-
-def _unreadable(path: Path, error: Exception) -> ConfigError:
-    return ConfigError(f"replay: {path}: is not a readable bag: {error}")
 
 
 def _channels(connections: list[Any], recording: Recording) -> dict[int, _Channel]:
@@ -106,6 +86,10 @@ def _channels(connections: list[Any], recording: Recording) -> dict[int, _Channe
             recording.left_out[connection.topic] = "not a topic of Mazebot"
         elif topic is CLOCK:
             continue
+        elif encoding_of(connection) != CDR:
+            recording.left_out[connection.topic] = (
+                f"is encoded as {encoding_of(connection)}: must be {CDR}"
+            )
         elif connection.msgtype != wire.type_name(topic):
             recording.left_out[connection.topic] = (
                 f"is {connection.msgtype}: must be {wire.type_name(topic)}"
@@ -118,25 +102,44 @@ def _channels(connections: list[Any], recording: Recording) -> dict[int, _Channe
     return channels
 
 
-def _timed(reader: Reader, channels: dict[int, _Channel]) -> tuple[dict[str, Any], int]:
+def _services(bag: Bag, channels: dict[int, _Channel]) -> set[str]:
+    """The services that send such messages in Mazebot."""
+    services = {_service_of(channel.topic, None) for channel in channels.values()}
+    # /tf has transforms of several.
+    transforms = [one for one in bag.connections if one.id in channels and one.topic == TF.name]
+    for connection, _, data in bag.messages(transforms):
+        if _MAP_TEXT not in data:
+            continue
+        try:
+            services.add(_service_of(TF, _decoded(channels[connection.id], data)))
+        except wire.WireError:
+            continue
+        if "localization" in services:
+            break
+    return services
+
+
+def _timed(bag: Bag, channels: dict[int, _Channel]) -> tuple[dict[str, Any], int]:
     """What BagTime is made of, and the end of the bag in it."""
     logged: list[tuple[int, int]] = []
     clock_ns: int | None = None
     first_ns: int | None = None
-    for connection, log_ns, data in itertools.islice(reader.messages(), _HEAD_MESSAGES):
+    start_ns: int | None = None
+    for connection, log_ns, data in itertools.islice(bag.messages(), _HEAD_MESSAGES):
+        start_ns = log_ns if start_ns is None else start_ns
         if connection.topic == CLOCK.name and clock_ns is None:
-            clock_ns = _clock_of(connection, bytes(data))
+            clock_ns = _clock_of(connection, data)
         if connection.id in channels:
-            first_ns = log_ns if first_ns is None else min(first_ns, log_ns)
-            stamp_ns = stamp_of(connection.msgtype, bytes(data))
+            first_ns = log_ns if first_ns is None else first_ns
+            stamp_ns = stamp_of(connection.msgtype, data)
             if stamp_ns is not None:
                 logged.append((log_ns, stamp_ns))
     made = {"logged": logged, "clock_ns": clock_ns, "first_ns": first_ns or 0}
     time = BagTime(logged, clock_ns)
     time.begin(made["first_ns"])  # type: ignore[arg-type]
     if clock_ns is None:
-        return made, time.at(reader.end_time, None)
-    return made, max(reader.end_time - reader.start_time, 0)
+        return made, time.at(bag.end_ns, None)
+    return made, max(bag.end_ns - (start_ns or 0), 0)
 
 
 def _clock_of(connection: Any, data: bytes) -> int | None:
@@ -154,46 +157,43 @@ def _read(
     time = BagTime(made["logged"], made["clock_ns"])
     time.begin(made["first_ns"])
     sequences: Counter[tuple[str, str]] = Counter()
+    with opened(path, "replay", warns=False) as bag:
+        for connection, log_ns, data in bag.messages():
+            if connection.topic == CLOCK.name:
+                clock_ns = _clock_of(connection, data)
+                if clock_ns is not None:
+                    time.take_clock(clock_ns)
+                continue
+            channel = channels.get(connection.id)
+            if channel is None:
+                continue
+            time_ns = time.at(log_ns, stamp_of(connection.msgtype, data))
+            try:
+                message = _fitted(channel, data, time)
+            except wire.WireError as error:
+                recording.unfit[connection.topic, error.reason] += 1
+                continue
+            topic = channel.topic
+            service = _service_of(topic, message)
+            envelope = Envelope(service, sequences[service, topic.name], time_ns, "")
+            sequences[service, topic.name] += 1
+            yield Replayed(topic, wire.encode(topic, message), service, envelope, time_ns)
+        recording.left_out |= bag.damaged
+
+
+def _decoded(channel: _Channel, data: bytes) -> Any:
+    """A bag's message. Raises WireError where it cannot be read."""
+    if channel.decode is None:
+        return wire.decode(channel.topic, data)
     try:
-        reader = Reader(path)
-        reader.open()
-        try:
-            for connection, log_ns, raw in reader.messages():
-                data = bytes(raw)
-                if connection.topic == CLOCK.name:
-                    clock_ns = _clock_of(connection, data)
-                    if clock_ns is not None:
-                        time.take_clock(clock_ns)
-                    continue
-                channel = channels.get(connection.id)
-                if channel is None:
-                    continue
-                time_ns = time.at(log_ns, stamp_of(connection.msgtype, data))
-                try:
-                    message = _fitted(channel, data, time)
-                except wire.WireError as error:
-                    recording.unfit[connection.topic, error.reason] += 1
-                    continue
-                topic = channel.topic
-                service = _service_of(topic, message)
-                envelope = Envelope(service, sequences[service, topic.name], time_ns, "")
-                sequences[service, topic.name] += 1
-                yield Replayed(topic, wire.encode(topic, message), service, envelope, time_ns)
-        finally:
-            reader.close()
+        return channel.decode(data)
     except Exception as error:
-        raise _unreadable(path, error) from error
+        raise wire.WireError("malformed", str(error)) from error
 
 
 def _fitted(channel: _Channel, data: bytes, time: BagTime) -> Any:
     """A bag's message, valid, with its stamps from 0. Raises WireError where it is not valid."""
-    if channel.decode is None:
-        message = wire.decode(channel.topic, data)
-    else:
-        try:
-            message = channel.decode(data)
-        except Exception as error:
-            raise wire.WireError("malformed", str(error)) from error
+    message = _decoded(channel, data)
     wire.validate(channel.topic, message)
     time.shift(message, wire.type_name(channel.topic))
     return message

@@ -6,13 +6,13 @@ from pathlib import Path
 
 from mazebot.cli.replay.reading.recording import Recording
 from mazebot.common.config import ConfigError
+from mazebot.common.files.reading import NotReadableError, open_regular, reason
 from mazebot.common.recordings.catalog import LATEST, find_run
 from mazebot.common.recordings.mcap.mcap_records import McapError
 from mazebot.common.recordings.mcap.mcap_scan import scan
 from mazebot.common.recordings.run_folder import CONFIG, MESSAGES, SUMMARY, parts_of
 
-_ROSBAG_1, _SQLITE = b"#ROSBAG V", b"SQLite format 3\0"
-METADATA = "metadata.yaml"
+_MCAP = b"\x89MCAP"
 _OF_A_RUN = "mazebot"
 """Name of a metadata record in the MCAP files of a run."""
 
@@ -44,7 +44,10 @@ def _open_folder(folder: Path, slam: bool) -> Recording:
         from mazebot.cli.replay.reading.run_messages import open_run  # noqa: PLC0415
 
         return open_run(folder.resolve().name, parts)
-    if (folder / METADATA).is_file():
+    # Its libraries load only where there is a bag.
+    from mazebot.cli.bags.bag import METADATA, is_bag  # noqa: PLC0415
+
+    if is_bag(folder):
         from mazebot.cli.replay.reading.bag_messages import open_bag  # noqa: PLC0415
 
         return open_bag(folder, slam)
@@ -53,35 +56,30 @@ def _open_folder(folder: Path, slam: bool) -> Recording:
             f"replay: {folder} has no {MESSAGES}: it was run without recording its messages"
         )
     raise ConfigError(
-        f"replay: {folder}: must contain {MESSAGES} of a run, or {METADATA} of rosbag2"
+        f"replay: {folder}: must contain {MESSAGES} of a run, or {METADATA}, .mcap or .db3 files "
+        "of rosbag2"
     )
 
 
 def _open_file(path: Path, slam: bool) -> Recording:
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             begin = file.read(16)
-    except OSError as error:
-        raise ConfigError(f"replay: {path}: {error.strerror}") from error
-    if begin.startswith(_SQLITE):
-        from mazebot.cli.replay.reading.bag_messages import open_bag  # noqa: PLC0415
-
-        return open_bag(path, slam)
-    if begin.startswith(_ROSBAG_1):
-        raise ConfigError(
-            f"replay: {path}: is a bag of ROS 1: must be converted to rosbag2, for example "
-            "by rosbags-convert"
-        )
-    try:
-        is_run = _OF_A_RUN in scan(path).texts
-    except McapError as error:
-        raise ConfigError(f"replay: {path}: must be an MCAP file: {error}") from error
-    except OSError as error:
-        raise ConfigError(f"replay: {path}: {error.strerror}") from error
-    if is_run:
+    except (OSError, NotReadableError) as error:
+        raise ConfigError(f"replay: {path}: {reason(error)}") from error
+    if begin.startswith(_MCAP) and _is_run(path):
         from mazebot.cli.replay.reading.run_messages import open_run  # noqa: PLC0415
 
         return open_run(path.stem, [path])
     from mazebot.cli.replay.reading.bag_messages import open_bag  # noqa: PLC0415
 
     return open_bag(path, slam)
+
+
+def _is_run(path: Path) -> bool:
+    try:
+        return _OF_A_RUN in scan(path).texts
+    except McapError as error:
+        raise ConfigError(f"replay: {path}: must be an MCAP file: {error}") from error
+    except OSError as error:
+        raise ConfigError(f"replay: {path}: {error.strerror}") from error

@@ -22,7 +22,25 @@ class LocalizationStatus(Document):
     )
     reason: str = Field("", description="why the pose is not trusted, in one line")
     wants_motion: bool = Field(False, description="the robot must move for the pose to be found")
+    wheel_slip: bool = Field(
+        False,
+        description="the scans show that the wheels turn and the robot does not move as they say; "
+        "the pose does not follow them meanwhile",
+    )
     epoch: int | None = Field(None, description="the simulation's epoch; null before it is known")
+
+
+class LocalizationCheckpoint(Document):
+    """What a localization that is started again needs to go on where the one before was."""
+
+    world_hash: str
+    epoch: int | None = Field(description="the simulation's, in which the run began")
+    state: Literal["uninitialized", "searching", "localized", "lost"]
+    odom_from_base: Planar
+    map_from_base: Planar
+    covariance: tuple[Finite, Finite, Finite, Finite, Finite, Finite] = Field(
+        description="of map_from_base: x x, x y, x yaw, y y, y yaw, yaw yaw"
+    )
 
 
 class NavigationStatus(Document):

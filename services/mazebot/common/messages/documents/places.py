@@ -15,6 +15,11 @@ class Planar(Document):
     y_m: Finite = Field(description="m")
     yaw_rad: Finite = Field(description="counter-clockwise from x, rad")
 
+    @classmethod
+    def of(cls, pose: SE2) -> Planar:
+        """Of a transform, map_from_self."""
+        return Planar(x_m=pose.x_m, y_m=pose.y_m, yaw_rad=pose.yaw_rad)
+
     def se2(self) -> SE2:
         """The same pose as a transform, map_from_self."""
         return SE2(self.x_m, self.y_m, self.yaw_rad)

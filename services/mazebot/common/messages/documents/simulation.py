@@ -6,7 +6,13 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
-from mazebot.common.messages.documents.document import Document, Finite, Positive
+from mazebot.common.messages.documents.document import (
+    Document,
+    Finite,
+    Positive,
+    Quaternion,
+    Vector,
+)
 from mazebot.common.messages.documents.places import Planar
 from mazebot.common.speeds import MIN_SPEED
 
@@ -82,6 +88,11 @@ class SimulationStats(Document):
     epoch: int = Field(
         0, description="counts the starts: load, reset, and every rebuild of the world"
     )
+    resumed_from: int | None = Field(
+        None,
+        description="epoch in which the run began that a simulator started again goes on with: "
+        "time and poses go on; null: the run began with this epoch",
+    )
     entities: int = Field(0, description="number of entities in the world")
     renderer: str = Field(
         description="`cpu_rasterizer`, `moderngl (...)`, `tiny_renderer`, or `none`"
@@ -91,6 +102,42 @@ class SimulationStats(Document):
     )
     image_hash: str = Field("", description="chained hash of the camera images of this epoch")
     watchdog_stops: int = Field(0, description="times the velocity watchdog stopped the robot")
+
+    @property
+    def run_epoch(self) -> int:
+        """The epoch in which the run began: another one is another run."""
+        return self.epoch if self.resumed_from is None else self.resumed_from
+
+
+class BodyCheckpoint(Document):
+    """A body that moves, as PyBullet has it, in `map`."""
+
+    name: str
+    position_m: Vector = Field(description="of its centre of mass")
+    orientation_xyzw: Quaternion = Field(description="of its principal axes")
+    velocity_m_s: Vector
+    angular_velocity_rad_s: Vector
+    travelled_m: Finite = Field(0.0, description="on its scripted path")
+
+
+class SimulationCheckpoint(Document):
+    """What a simulator that is started again needs to go on where the one before was."""
+
+    world_hash: str
+    epoch: int
+    run_epoch: int = Field(description="the epoch in which the run began")
+    seed: int
+    iterations: int = Field(ge=0, description="steps done")
+    paused: bool
+    speed: Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+    robot: BodyCheckpoint
+    wheel_angles_rad: tuple[Finite, Finite] = Field(description="left, right")
+    odom_from_base: Planar
+    odom_covariance: tuple[Finite, Finite, Finite, Finite, Finite, Finite] = Field(
+        description="x x, x y, x yaw, y y, y yaw, yaw yaw"
+    )
+    movers: tuple[BodyCheckpoint, ...] = ()
+    watchdog_stops: int = 0
 
 
 class SimulationControlReply(Document):

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mazebot.common.files.reading import NotReadableError, read_limited
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages import wire
 from mazebot.common.messages.topics import DIAGNOSTICS, PARAMETERS, ROSOUT, SERVICES, TOPICS, Topic
@@ -47,9 +48,11 @@ ROW_FIELDS = (
 ROW = np.dtype([(name, kind) for name, kind, _ in ROW_FIELDS])
 
 _PACK = struct.Struct("<qIHH").pack
-_MOST_WAITING = 8
+_TOGETHER = 4
+"""Images: waking the other thread for each takes the interpreter from this one."""
+_MOST_WAITING = 2
 _MOST_UNWRITTEN_BYTES = 16 * 1024 * 1024
-_HEAD_BYTES = 1 << 16
+_MAX_BYTES = 1 << 29
 _LARGE_BYTES = 1 << 16
 _LARGE = struct.Struct("<II").pack
 
@@ -62,6 +65,8 @@ def digest_of(pieces: Sequence[wire.Buffer]) -> bytes:
     """Eight bytes for a message's CDR, however it is cut into pieces: of its sha1, for which CPUs
     have instructions, or, as that takes three times as long, of a large one's CRC-32 and length.
     """
+    if len(pieces) == 1 and len(pieces[0]) <= _LARGE_BYTES:
+        return hashlib.sha1(pieces[0], usedforsecurity=False).digest()[:8]
     taken = hashlib.sha1(usedforsecurity=False)
     size = sum(map(len, pieces))
     if size > _LARGE_BYTES:
@@ -74,6 +79,26 @@ def digest_of(pieces: Sequence[wire.Buffer]) -> bytes:
 
 def _crc32(crc: int, piece: wire.Buffer) -> int:
     return zlib.crc32(piece, crc)
+
+
+class _LargeRow:
+    """The row of an image, whose digest is made later."""
+
+    def __init__(
+        self, start: bytes, pieces: tuple[wire.Buffer, ...] | Callable[[], tuple[wire.Buffer, ...]]
+    ) -> None:
+        self.data = start
+        self._pieces = pieces
+
+    def make(self) -> None:
+        """Add the digest; the image is not needed any more."""
+        pieces, self._pieces = self._pieces, ()
+        self.data += digest_of(pieces() if callable(pieces) else pieces)
+
+
+def _make_all(rows: Sequence[_LargeRow]) -> None:
+    for row in rows:
+        row.make()
 
 
 class DigestWriter:
@@ -98,9 +123,10 @@ class DigestWriter:
         # Unbuffered: unwritten data must be known, and written again.
         self._file = path.open("a+b", buffering=0)
         self._go_on(path)
-        self._rows: list[bytes | Future[bytes]] = []
+        self._rows: list[bytes | _LargeRow] = []
+        self._unmade: list[_LargeRow] = []
         self._maker = ThreadPoolExecutor(1, thread_name_prefix="digests")
-        self._making: deque[Future[bytes]] = deque()
+        self._making: deque[Future[None]] = deque()
 
     def _go_on(self, path: Path) -> None:
         """Continue after the last whole row, or start a new file if none of this version exists."""
@@ -136,15 +162,22 @@ class DigestWriter:
         start = _PACK(envelope.sent_ns, envelope.sequence & 0xFFFFFFFF, number, source)
         if callable(pieces) or topic.type is msg.Image:
             # Hashing an image takes longer than all the rest, and lets other threads run.
-            while len(self._making) >= _MOST_WAITING:
-                self._making.popleft().result()
-            row = self._maker.submit(
-                lambda: start + digest_of(pieces() if callable(pieces) else pieces)
-            )
-            self._making.append(row)
+            row = _LargeRow(start, pieces)
             self._rows.append(row)
+            self._unmade.append(row)
+            if len(self._unmade) >= _TOGETHER:
+                self._make()
         else:
             self._rows.append(start + digest_of(pieces))
+
+    def _make(self) -> None:
+        """Have the digests of images made in the other thread."""
+        unmade, self._unmade = self._unmade, []
+        if not unmade:
+            return
+        while len(self._making) >= _MOST_WAITING:
+            self._making.popleft().result()
+        self._making.append(self._maker.submit(_make_all, unmade))
 
     def flush(self) -> None:
         """Write the added digests to disk.
@@ -152,8 +185,11 @@ class DigestWriter:
         Raises OSError; unwritten data is kept for the next call, as far as there is room.
         """
         rows, self._rows = self._rows, []
+        self._make()
+        for made in self._making:
+            made.result()
         self._making.clear()
-        data = b"".join(row if isinstance(row, bytes) else row.result() for row in rows)
+        data = b"".join(row if isinstance(row, bytes) else row.data for row in rows)
         if len(self._unwritten) + len(data) <= _MOST_UNWRITTEN_BYTES:
             self._unwritten += data
         else:
@@ -188,9 +224,10 @@ def read_digests(path: Path) -> Digests:
 
     Raises DigestError if it is invalid, OSError if it cannot be read.
     """
-    with path.open("rb") as file:
-        head = file.readline(_HEAD_BYTES)
-        data = file.read()
+    try:
+        head, _, data = read_limited(path, _MAX_BYTES).partition(b"\n")
+    except NotReadableError as error:
+        raise DigestError(f"{path}: {error}") from error
     try:
         names = json.loads(head)
         if names["head"] != HEAD:

@@ -28,12 +28,6 @@ def definition_of(type_name: str) -> str:
 
 
 @functools.cache
-def type_hash_of(type_name: str) -> str:
-    """The hash of a message type (REP-2011)."""
-    return msg.TYPESTORE.hash_rihs01(type_name)
-
-
-@functools.cache
 def qos_profiles_of(topic_name: str) -> str:
     """The quality of service of a topic's publishers, as YAML: without `transient_local`,
     `ros2 bag play` would not send latched messages to late subscribers.

@@ -9,6 +9,7 @@ from typing import NamedTuple, TypeVar
 
 import zstandard
 
+from mazebot.common.files.limits import MAX_CHUNK_BYTES
 from mazebot.common.messages.wire import Buffer
 
 T = TypeVar("T")
@@ -30,12 +31,15 @@ INDEX_ENTRY = struct.Struct("<QQ")
 """Log time in ns, offset in the uncompressed records."""
 
 _U16, _U32, _U64 = struct.Struct("<H"), struct.Struct("<I"), struct.Struct("<Q")
-_MOST_CHUNK_BYTES = 1 << 30
 _LARGE_BYTES = 1 << 16
 
 
 class McapError(ValueError):
     """No valid MCAP file, or a part of one; one line of text."""
+
+
+class McapSizeError(McapError):
+    """A chunk that would take too much memory."""
 
 
 class Schema(NamedTuple):
@@ -300,17 +304,18 @@ def compressed(pieces: Sequence[Buffer], start_ns: int, end_ns: int, level: int)
 
 def records_of(chunk: Chunk) -> bytes:
     """The uncompressed records of a chunk. Raises McapError if they are damaged."""
-    if chunk.size > _MOST_CHUNK_BYTES:
-        raise McapError(f"chunk too large: {chunk.size} bytes")
+    check_size(chunk.size)
     try:
         if chunk.compression == "zstd":
-            decompressor = zstandard.ZstdDecompressor()
-            data = decompressor.decompress(chunk.compressed, max_output_size=chunk.size)
+            data = unpacked_zstd(chunk.compressed, chunk.size)
         elif chunk.compression == "lz4":
             # Only other people's files need it.
             import lz4.frame  # type: ignore[import-untyped] # noqa: PLC0415
 
-            data = lz4.frame.decompress(chunk.compressed)
+            unpacker = lz4.frame.LZ4FrameDecompressor()
+            data = unpacker.decompress(chunk.compressed, max_length=chunk.size)
+            if not unpacker.eof and unpacker.decompress(b"", max_length=1):
+                raise McapError("corrupt chunk")
         elif chunk.compression == "":
             data = chunk.compressed
         else:
@@ -322,21 +327,40 @@ def records_of(chunk: Chunk) -> bytes:
     return bytes(data)
 
 
+def check_size(size: int) -> None:
+    """Raises McapError where a chunk or a message that declares a size must not be unpacked."""
+    if size > MAX_CHUNK_BYTES:
+        raise McapSizeError(f"has {size} bytes unpacked, must have at most {MAX_CHUNK_BYTES}")
+
+
+def unpacked_zstd(data: bytes, max_bytes: int) -> bytes:
+    """The content of data packed by zstd.
+
+    Raises McapError if it has more bytes, zstandard.ZstdError if it is damaged.
+    """
+    # A frame that tells its size is unpacked to that, whatever the maximum.
+    if zstandard.frame_content_size(data) > max_bytes:
+        raise McapSizeError(f"has more than {max_bytes} bytes unpacked")
+    return zstandard.ZstdDecompressor().decompress(data, max_output_size=max_bytes)
+
+
 def begun_chunk(data: bytes) -> bytes:
     """The uncompressed records, as far as they go, of a chunk whose content begins so.
 
     Raises McapError if not even its beginning can be read.
     """
     compression, size = read_chunk_body(data)
+    (_, _, most, _) = CHUNK_HEAD.unpack_from(data)
+    check_size(most)
     body = data[CHUNK_HEAD.size + _U32.size + len(compression.encode()) + _U64.size :][:size]
     try:
         if compression == "zstd":
-            return zstandard.ZstdDecompressor().decompressobj().decompress(body)
+            return zstandard.ZstdDecompressor().stream_reader(body).read(most)
         if compression == "lz4":
             # Only other people's files need it.
             import lz4.frame  # noqa: PLC0415
 
-            return bytes(lz4.frame.LZ4FrameDecompressor().decompress(body))
+            return bytes(lz4.frame.LZ4FrameDecompressor().decompress(body, max_length=most))
     except (zstandard.ZstdError, RuntimeError) as error:
         raise McapError("corrupt chunk") from error
     if compression:

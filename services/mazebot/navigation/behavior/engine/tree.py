@@ -168,6 +168,7 @@ class Node(ABC):
         self._answered = NodeStatus.IDLE
         self._answered_in_tick = -1
         self._keys = {port: _key(port, text) for port, text in place.attributes.items()}
+        self._defaults = {port.name: port.default for port in self.ports}
         self._scripted = any(name in place.attributes for name in (*BEFORE, *AFTER))
         self._scripts: dict[str, Script] = {}
 
@@ -263,13 +264,10 @@ class Node(ABC):
 
     def get(self, port: str) -> object | None:
         """Value of an input port: from the blackboard, the XML or the port's default."""
-        key = self.key(port)
+        key, place = self._keys.get(port), self.place
         given: object | None
-        if key is not None:
-            given = self.place.blackboard.get(key)
-        else:
-            given = self.place.attributes.get(port)
-        return self._default(port) if given is None else given
+        given = place.attributes.get(port) if key is None else place.blackboard.get(key)
+        return self._defaults.get(port) if given is None else given
 
     def number(self, port: str) -> float:
         """Value of an input port that holds a number."""
@@ -339,12 +337,6 @@ class Node(ABC):
             return convert(self.get(port))
         except ValueError as error:
             raise TreeError(f"{self}, port {port!r}: {error}") from None
-
-    def _default(self, port: str) -> str | None:
-        for one in self.ports:
-            if one.name == port:
-                return one.default
-        return None
 
 
 def _key(port: str, text: str) -> str | None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from xml.parsers import expat
 
 from mazebot.common.config import ConfigError
+from mazebot.common.files.limits import MAX_TREE_ELEMENTS
 
 
 @dataclass
@@ -25,7 +26,7 @@ class Element:
             yield from child.walk()
 
 
-_DEEPEST = 200
+DEEPEST = 200
 
 
 def parse(text: str | bytes, source: str) -> Element:
@@ -33,12 +34,19 @@ def parse(text: str | bytes, source: str) -> Element:
     stack: list[Element] = []
     roots: list[Element] = []
     parser = expat.ParserCreate()
+    elements = 0
 
     def begin(tag: str, attributes: dict[str, str]) -> None:
-        if len(stack) >= _DEEPEST:
+        nonlocal elements
+        elements += 1
+        if elements > MAX_TREE_ELEMENTS:
             raise ConfigError(
-                f"{source}:{parser.CurrentLineNumber}: elements are nested more than {_DEEPEST} "
-                "deep"
+                f"{source}:{parser.CurrentLineNumber}: must have at most {MAX_TREE_ELEMENTS} "
+                "elements"
+            )
+        if len(stack) >= DEEPEST:
+            raise ConfigError(
+                f"{source}:{parser.CurrentLineNumber}: elements are nested more than {DEEPEST} deep"
             )
         element = Element(tag, attributes, parser.CurrentLineNumber)
         (stack[-1].children if stack else roots).append(element)

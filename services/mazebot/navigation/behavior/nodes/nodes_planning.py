@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
+from mazebot.common.maths.frames import SE2
 from mazebot.common.messages.error_codes import ErrorCode
 from mazebot.navigation.behavior.context import PathCheck
 from mazebot.navigation.behavior.engine.ports import Port, out
@@ -18,9 +20,23 @@ from mazebot.navigation.behavior.nodes.path_parts import (
     without_end,
 )
 from mazebot.navigation.errors import NavigationError
+from mazebot.navigation.planning.path import PlannedPath
 
 SUCCESS, FAILURE = NodeStatus.SUCCESS, NodeStatus.FAILURE
 _THROUGH_POSES = ErrorCode.THROUGH_POSES_UNKNOWN - ErrorCode.PLANNER_UNKNOWN
+
+
+_TOO_NARROW = out("too_narrow", "flag")
+"""Whether there is no path because a place is too narrow, which is no use to wait for."""
+
+
+def _planned(node: ActionNode, start: SE2 | None, goals: Sequence[SE2]) -> PlannedPath:
+    node.put("too_narrow", False)
+    try:
+        return node.context.compute_path(start, goals, node.text("planner_id"))
+    except NavigationError as error:
+        node.put("too_narrow", error.for_good)
+        raise
 
 
 class ComputePathToPose(ActionNode):
@@ -34,6 +50,7 @@ class ComputePathToPose(ActionNode):
         Port("viapoints", "poses"),
         Port("planner_id"),
         out("path", "path"),
+        _TOO_NARROW,
         *ACTION_PORTS,
     )
 
@@ -43,7 +60,7 @@ class ComputePathToPose(ActionNode):
             raise TreeError(f"{self}, port 'goal': no goal on the blackboard")
         start = self.pose("start") if self.flag("use_start") else None
         goals = (*self.poses("viapoints"), goal)
-        self.put("path", self.context.compute_path(start, goals, self.text("planner_id")))
+        self.put("path", _planned(self, start, goals))
         self.place.run.plans += 1
         return SUCCESS
 
@@ -63,6 +80,7 @@ class ComputePathThroughPoses(ActionNode):
         Port("planner_id"),
         out("path", "path"),
         out("last_reached_index", "integer"),
+        _TOO_NARROW,
         *ACTION_PORTS,
     )
 
@@ -71,7 +89,7 @@ class ComputePathThroughPoses(ActionNode):
         if not goals:
             raise NavigationError(ErrorCode.NO_VIAPOINTS_GIVEN, "no poses to plan through")
         start = self.pose("start") if self.flag("use_start") else None
-        self.put("path", self.context.compute_path(start, goals, self.text("planner_id")))
+        self.put("path", _planned(self, start, goals))
         self.place.run.plans += 1
         self.put("last_reached_index", -1)
         return SUCCESS

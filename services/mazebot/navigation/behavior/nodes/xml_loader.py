@@ -9,6 +9,8 @@ from itertools import count
 from pathlib import Path
 
 from mazebot.common.config import ConfigError
+from mazebot.common.files.limits import MAX_TEXT_BYTES, MAX_TREE_ELEMENTS
+from mazebot.common.files.reading import NotReadableError, read_limited, reason
 from mazebot.navigation.behavior.engine.blackboard import Blackboard
 from mazebot.navigation.behavior.engine.ports import READERS, Port
 from mazebot.navigation.behavior.engine.tree import (
@@ -19,7 +21,7 @@ from mazebot.navigation.behavior.engine.tree import (
     NodePlace,
     TreeRun,
 )
-from mazebot.navigation.behavior.engine.xml_elements import Element, parse
+from mazebot.navigation.behavior.engine.xml_elements import DEEPEST, Element, parse
 from mazebot.navigation.behavior.nodes.node_kinds import (
     NODE_KINDS,
     RENAMED_KINDS,
@@ -76,9 +78,9 @@ class TreeFile:
 def read_tree_file(path: Path) -> TreeFile:
     """Read a file. Raises ConfigError, in one line."""
     try:
-        text = path.read_bytes()
-    except OSError as error:
-        raise ConfigError(f"{path}: {error.strerror or error}") from None
+        text = read_limited(path, MAX_TEXT_BYTES)
+    except (OSError, NotReadableError) as error:
+        raise ConfigError(f"{path}: {reason(error)}") from None
     return read_tree(text, str(path))
 
 
@@ -179,6 +181,7 @@ class _Checker:
     def __init__(self, source: str, trees: dict[str, Element]) -> None:
         self.source = source
         self._trees = trees
+        self._sizes: dict[str, int] = {}
         self.warnings: list[str] = []
         self.unsupported: list[str] = []
 
@@ -250,14 +253,30 @@ class _Checker:
         if element.children:
             raise ConfigError(f"{at} {name!r:.60} has children: must have none")
 
-    def check_subtrees(self, name: str, above: tuple[str, ...]) -> None:
-        """Refuse trees that contain themselves."""
+    def check_subtrees(self, name: str, above: tuple[str, ...]) -> int:
+        """The number of elements of a tree, each subtree counted wherever it is used.
+
+        Refuses trees that contain themselves, and too many elements.
+        """
+        if name in self._sizes:
+            return self._sizes[name]
         if name in above:
             way = " in ".join((*above[above.index(name) :], name)[::-1])
             raise ConfigError(f"{self.source}: a tree contains itself: {way}")
+        if len(above) >= DEEPEST:
+            raise ConfigError(f"{self.source}: subtrees are nested more than {DEEPEST} deep")
+        size = 0
         for element in self._trees[name].walk():
+            size += 1
             if element.tag == "SubTree":
-                self.check_subtrees(element.attributes["ID"], (*above, name))
+                size += self.check_subtrees(element.attributes["ID"], (*above, name))
+        if size > MAX_TREE_ELEMENTS:
+            raise ConfigError(
+                f"{self.source}: tree {name!r:.60} has {size} elements with its subtrees, must "
+                f"have at most {MAX_TREE_ELEMENTS}"
+            )
+        self._sizes[name] = size
+        return size
 
 
 def _check_text(at: str, port: Port, text: str) -> None:

@@ -18,7 +18,7 @@ from mazebot.common.maths import portable
 from mazebot.common.maths.frames import SE2, Array, wrap_angle
 from mazebot.navigation.control.collision import STOP, Surroundings, Velocity, first_contact_s
 from mazebot.navigation.control.controller import ControllerParams, Robot
-from mazebot.navigation.control.mppi.clearance_window import ClearanceWindow, covering_discs
+from mazebot.navigation.control.mppi.clearance_window import CELL_M, ClearanceWindow, covering_discs
 from mazebot.navigation.control.mppi.critic_params import MPPIParams
 from mazebot.navigation.control.mppi.critic_table import critics_in_order
 from mazebot.navigation.control.mppi.critics import Critic, Scene
@@ -274,7 +274,7 @@ class MPPIController(PathFollower):
             collides=self._collides,
             path_x_m=path_x,
             path_y_m=path_y,
-            path_free=_free(window, path_x, path_y, self._robot.footprint.half_width_m),
+            path_free=_free(window, ahead_m, self._robot.footprint.half_width_m),
             spacing_m=local.spacing_m,
             remaining_m=local.remaining_m,
             goal_x_m=goal.x_m - pose.x_m,
@@ -421,12 +421,11 @@ def _set_start(rollouts: Rollouts, start: Velocity, yaw_rad: float) -> None:
         array[0] = value
 
 
-def _free(window: ClearanceWindow, x: Floats, y: Floats, half_width_m: float) -> NDArray[np.bool_]:
-    """(n,) whether the robot, looking along the path, can be at its points."""
-    cell = 1.0 / 0.02
-    column = ((x - window.low_m) * cell).astype(np.int64).clip(0, window.size - 1)
-    row = ((y - window.low_m) * cell).astype(np.int64).clip(0, window.size - 1)
-    return np.asarray(window.distance_m[row * window.size + column] > half_width_m)
+def _free(window: ClearanceWindow, points_m: Floats, half_width_m: float) -> NDArray[np.bool_]:
+    """(n,) whether the robot, looking along the path, can be at its points, (n, 2)."""
+    cells = ((points_m - window.low_m) * (1.0 / CELL_M)).astype(np.int64)
+    cells = np.minimum(np.maximum(cells, 0), window.size - 1)
+    return np.asarray(window.distance_m[cells[:, 1] * window.size + cells[:, 0]] > half_width_m)
 
 
 def _tracks(around: Surroundings, window: ClearanceWindow, horizon_s: float) -> Floats:

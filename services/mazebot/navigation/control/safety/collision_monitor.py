@@ -152,6 +152,10 @@ class CollisionMonitorParams(Params):
         {"FootprintApproach": PolygonParams(action_type="approach", time_before_collision=0.0)},
         description="the zones around the robot by name",
     )
+    observation_sources: tuple[Literal["scan", "depth"], ...] = Field(
+        ("scan", "depth"),
+        description="sensors; the robot does not move without the scan",
+    )
     source_timeout: float = Field(
         0.5, ge=0, description="s; a scan older than this stops the robot; 0: it is never too old"
     )

@@ -38,12 +38,24 @@ class Stuck(NamedTuple):
     text: str
 
 
+_HOLDS_S = 0.2
+"""The robot obeys a command no longer than this (physics' `cmd_vel_timeout_s`): in a longer gap, as
+while the network was lost, nothing was commanded.
+"""
+_ROUNDING_M = 1e-6
+"""More than what rounding makes of a sum."""
+
+
 class _Sample(NamedTuple):
     now_ns: int
     commanded_m: float
     commanded_rad: float
     odom_from_base: SE2
     map_from_base: SE2
+    commanded_way_m: float
+    """Of all commands so far,"""
+    odom_way_m: float
+    """and the length of the way by odometry."""
 
 
 class StuckDetector:
@@ -68,16 +80,24 @@ class StuckDetector:
             samples.clear()
             return None
         elapsed_s = (now_ns - samples[-1].now_ns) * 1e-9 if samples else 0.0
-        if elapsed_s < 0.0:
+        if not 0.0 <= elapsed_s <= _HOLDS_S:
             samples.clear()
             elapsed_s = 0.0
+        commanded_m = abs(command.linear_m_s) * elapsed_s
+        commanded_way_m, odom_way_m = commanded_m, 0.0
+        if samples:
+            last = samples[-1]
+            commanded_way_m += last.commanded_way_m
+            odom_way_m = last.odom_way_m + odom_from_base.distance_m(last.odom_from_base)
         samples.append(
             _Sample(
                 now_ns,
-                abs(command.linear_m_s) * elapsed_s,
+                commanded_m,
                 abs(command.angular_rad_s) * elapsed_s,
                 odom_from_base,
                 map_from_base,
+                commanded_way_m,
+                odom_way_m,
             )
         )
         allowance_ns = p.time_allowance * 1e9
@@ -87,7 +107,25 @@ class StuckDetector:
             return None
         return self._judge()
 
+    def _drives(self) -> bool:
+        """Whether the first and the newest sample alone show that the robot drives as commanded: by
+        the lengths of the ways, which are no shorter than any distance on them.
+        """
+        p, first, last = self._params, self._samples[0], self._samples[-1]
+        commanded_m = last.commanded_way_m - first.commanded_way_m
+        way_m = last.odom_way_m - first.odom_way_m
+        odom_m = last.odom_from_base.distance_m(first.odom_from_base)
+        true_m = last.map_from_base.distance_m(first.map_from_base)
+        return (
+            commanded_m - _ROUNDING_M >= p.required_distance
+            and odom_m >= p.least_share * (commanded_m + _ROUNDING_M)
+            and odom_m >= p.required_distance
+            and true_m >= p.least_share * (way_m + _ROUNDING_M)
+        )
+
     def _judge(self) -> Stuck | None:
+        if self._drives():
+            return None
         p, samples = self._params, list(self._samples)
         commanded_m = sum([each.commanded_m for each in samples[1:]])
         commanded_rad = sum([each.commanded_rad for each in samples[1:]])

@@ -13,6 +13,7 @@ from mazebot.navigation.errors import NavigationError
 from mazebot.navigation.planning.grid.a_star import Workspace
 from mazebot.navigation.planning.grid.regions import OF_GOAL, OF_START, thinnest_place
 from mazebot.navigation.planning.grid.search_grid import NARROW, Cell, SearchGrid
+from mazebot.navigation.planning.grid.widest import widest_way
 
 _NARROW_WEIGHT, _SOLID_WEIGHT = 1, 3
 """A cell of an obstacle counts as so many that are merely too near to one."""
@@ -28,6 +29,8 @@ class Query:
     goal_cell: Cell
     needs: str
     """The robot's size, as text."""
+    passing_m: float
+    """Half of the width of a way that it needs."""
 
 
 def no_way(
@@ -69,11 +72,26 @@ def no_way(
         return NavigationError(ErrorCode.NO_VALID_PATH, text)
     cell = divmod(at, stride)
     place_m = grid.center(cell)
+    # What is not on the map may be seen in part alone: its width is not for the costmap to tell.
+    narrow = None if fixed.size else widest_way(grid, costmap, asked.passing_m, kept)
+    if narrow is not None and narrow.width_m < 2.0 * asked.passing_m:
+        return NavigationError(
+            ErrorCode.NO_VALID_PATH, too_narrow(text, *narrow, 2.0 * asked.passing_m),
+            narrow.place_m,
+        )  # fmt: skip
     what = _what_blocks(grid, costmap, cell)
     return NavigationError(
         ErrorCode.NO_VALID_PATH,
         f"{text}: blocked at ({place_m[0]:.2f}, {place_m[1]:.2f}), {what}",
         place_m,
+    )
+
+
+def too_narrow(text: str, place_m: tuple[float, float], width_m: float, needs_m: float) -> str:
+    """The message about a way that is too narrow."""
+    return (
+        f"{text}: too narrow at ({place_m[0]:.2f}, {place_m[1]:.2f}), {width_m:.2f} m wide: must "
+        f"be at least {needs_m:.2f} m"
     )
 
 

@@ -43,16 +43,27 @@ class PoseErrors:
         self.error_m, self.error_rad = ErrorSummary(), ErrorSummary()
         self.recent_m = RecentRows(1, _RECENT, _RECENT * 11 // 10)
         """Position errors of the newest estimates, by stamp."""
-        self.drift_m: float | None = None
-        """Position error of the newest odometry."""
+        self._drift_m: float | None = None
         self._map_from_start = map_from_start
         self._estimates = Pending[tuple[SE2, Array]]()
-        self._odometry = Pending[SE2]()
+        self._odometry = Pending[msg.Pose]()
         self._count, self._inside_count = 0, 0
 
     def add_odometry(self, odometry: msg.Odometry) -> None:
         """Add wheel odometry, odom from base_footprint."""
-        self._odometry.add(ns_from_time(odometry.header.stamp), se2_from_pose(odometry.pose.pose))
+        self._odometry.add(ns_from_time(odometry.header.stamp), odometry.pose.pose)
+
+    def drift_m(self, truth: TruePoses) -> float | None:
+        """Position error of the newest odometry; None before the first."""
+        newest_ns = truth.newest_ns
+        ready = [] if newest_ns is None else self._odometry.take_until(newest_ns)
+        for stamp_ns, pose in reversed(ready):
+            true_pose = truth.at(stamp_ns)
+            if true_pose is not None:
+                map_from_base = self._map_from_start @ se2_from_pose(pose)
+                self._drift_m = map_from_base.distance_m(true_pose)
+                break
+        return self._drift_m
 
     def add_estimate(self, estimate: msg.PoseWithCovarianceStamped) -> None:
         """Add an estimated pose, map from base_footprint, with its covariance."""
@@ -76,10 +87,6 @@ class PoseErrors:
             self._inside_count += inside_95_percent(np.array(apart), covariance)
             self.recent_m.add(stamp_ns, (error_m,))
             found.append(JudgedPose(stamp_ns, estimate, true_pose, error_m, abs(turn_rad)))
-        for stamp_ns, odom_from_base in self._odometry.take_until(newest_ns):
-            true_pose = truth.at(stamp_ns)
-            if true_pose is not None:
-                self.drift_m = (self._map_from_start @ odom_from_base).distance_m(true_pose)
         return found
 
     def consistency(self) -> LocalizationConsistency:
@@ -87,9 +94,10 @@ class PoseErrors:
         inside = self._inside_count / self._count if self._count else None
         return LocalizationConsistency(inside_95_percent=inside, estimates=self._count)
 
-    def values(self) -> dict[str, Any]:
+    def values(self, truth: TruePoses) -> dict[str, Any]:
         """The JSON values of the state, for `restore()`."""
-        return {"estimates": [self._count, self._inside_count], "drift_m": self.drift_m}
+        estimates = [self._count, self._inside_count]
+        return {"estimates": estimates, "drift_m": self.drift_m(truth)}
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Its arrays, without those of the error summaries."""
@@ -104,4 +112,4 @@ class PoseErrors:
         for stamp_ns, row in zip(stamps_ns.tolist(), rows.tolist(), strict=True):
             self.recent_m.add(stamp_ns, row)
         self._count, self._inside_count = map(int, values["estimates"])
-        self.drift_m = values["drift_m"]
+        self._drift_m = values["drift_m"]

@@ -44,6 +44,7 @@ class RunDrawing:
         self._are_whole = self._parts == 0
         """Whether every part so far was ended properly."""
         self._canvas: Canvas | None = None
+        self._draw: Mapping[Topic[Any], Callable[[Canvas, Any], None]] = {}
 
     @property
     def is_open(self) -> bool:
@@ -65,7 +66,7 @@ class RunDrawing:
         Raises RecordingError if the file cannot be created.
         """
         setting = self._setting
-        from mazebot.recorder.drawing.archetypes import draw_start  # noqa: PLC0415
+        from mazebot.recorder.drawing.archetypes import DRAW, draw_start  # noqa: PLC0415
         from mazebot.recorder.drawing.canvas import Canvas  # noqa: PLC0415
         from mazebot.recorder.drawing.layouts.layouts import run_blueprint  # noqa: PLC0415
         from mazebot.recorder.drawing.layouts.views import Scene  # noqa: PLC0415
@@ -84,6 +85,7 @@ class RunDrawing:
         )
         self.close()
         self._parts += in_file
+        self._draw = DRAW
         self._canvas = canvas = Canvas(
             recording=recording,
             robot=robot_from_urdf(_ROBOT.read_text(encoding="utf-8")),
@@ -101,10 +103,8 @@ class RunDrawing:
     def draw(self, topic: Topic[Any], message: Any, now_ns: int) -> None:
         """Draw a message."""
         if self._canvas is not None:
-            from mazebot.recorder.drawing.archetypes import DRAW  # noqa: PLC0415
-
             self._canvas.now_ns = now_ns
-            DRAW[topic](self._canvas, message)
+            self._draw[topic](self._canvas, message)
 
     def show(self, evaluation: doc.Evaluation, true_faces_m: Array | None, final: bool) -> None:
         """Draw the run's evaluation, and the walls that its map is judged by."""
@@ -125,10 +125,10 @@ class RunDrawing:
         if true_faces_m is not None and canvas.changed("mapping/true_walls", id(true_faces_m)):
             draw_true_walls(canvas, true_faces_m)
 
-    def send_transforms(self) -> None:
-        """Send the newest poses to the live view."""
+    def send(self) -> None:
+        """Send what is new to the live view."""
         if self._canvas is not None:
-            self._canvas.recording.send_transforms()
+            self._canvas.recording.send()
 
     def flush(self) -> None:
         """Write everything to disk. Raises RecordingError if it cannot be."""

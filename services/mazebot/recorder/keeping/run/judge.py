@@ -53,6 +53,7 @@ class RunJudge:
         self._world = world
         self._clock_ns: int | None = None
         """Time of the newest clock message since the last tick."""
+        self._ticked_ns = 0
         self._maps = MapFolder() if world.slam else None
         self._judges = _JUDGES | (_SLAM_JUDGES if world.slam else {})
 
@@ -62,10 +63,13 @@ class RunJudge:
         if judge is not None:
             judge(self, message)
 
-    def tick(self, now_s: float) -> None:
+    def tick(self, now_s: float, now_ns: int) -> None:
         """Relate simulation time to the wall clock. Called once for all messages of a step: only
         the newest of them arrived just now.
         """
+        if not self._setting.config.keeps_messages and now_ns > self._ticked_ns:
+            # No clock message is received.
+            self._clock_ns = self._ticked_ns = now_ns
         if self._clock_ns is not None:
             self.wall_time.tick(now_s, self._clock_ns)
             is_paused = self.stats is not None and self.stats.paused

@@ -4,16 +4,25 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mazebot.common.messages.documents import World
-from mazebot.common.messages.topics import CAMERA_COMPRESSED, CAMERA_IMAGE, TF_STATIC, Topic
+from mazebot.common.messages.topics import (
+    CAMERA_COMPRESSED,
+    CAMERA_IMAGE,
+    TF_STATIC,
+    Delivery,
+    Topic,
+)
 from mazebot.common.recordings.run_folder import MESSAGES, RunFolder
 from mazebot.recorder.config import RecorderConfig
-from mazebot.recorder.keeping.latched import Kept, Latched
 from mazebot.recorder.stream.file_writer import RecordingError
+from mazebot.recorder.stream.latched import Kept, Latched
 from mazebot.recorder.stream.message_log import CLOSE_TIMEOUT_S, Compressed, MessageLog, Taken
 from mazebot.recorder.stream.pictures import Pictures, is_drawable
+
+if TYPE_CHECKING:
+    from mazebot.recorder.foxglove.server import FoxgloveServer
 
 _LOG = logging.getLogger("recorder")
 _MIB = 1024 * 1024
@@ -25,12 +34,18 @@ class RunMessages:
     """
 
     def __init__(
-        self, config: RecorderConfig, world: World, latched: Latched, pictures: Pictures
+        self,
+        config: RecorderConfig,
+        world: World,
+        latched: Latched,
+        pictures: Pictures,
+        foxglove: FoxgloveServer | None = None,
     ) -> None:
         self._config = config
         self._world = world
         self._latched = latched
         self._pictures = pictures
+        self._foxglove = foxglove
         self._missed = Latched()
         self._log: MessageLog | None = None
         self._is_logged = False
@@ -66,15 +81,20 @@ class RunMessages:
         self._missed.clear()
 
     def add(self, topic: Topic[Any], taken: Taken, now_ns: int) -> None:
-        """Record a message."""
-        if self._log is None:
-            self._missed.keep(topic, taken)
-            return
+        """Record a message, and show it in Foxglove."""
+        log, foxglove = self._log, self._foxglove
         compressed = None
-        if topic is CAMERA_IMAGE and self._config.pictures == "jpeg" and is_drawable(taken.message):
-            make = self._pictures.jpeg_message(taken.message)
-            compressed = Compressed(CAMERA_COMPRESSED.name, make)
-        self._log.add(topic, taken, now_ns, compressed)
+        if topic is CAMERA_IMAGE and self._config.pictures == "jpeg":
+            is_wanted = foxglove is not None and foxglove.wants(CAMERA_COMPRESSED.name)
+            if (log is not None or is_wanted) and is_drawable(taken.message):
+                make = self._pictures.jpeg_message(taken.message)
+                compressed = Compressed(CAMERA_COMPRESSED.name, make)
+        if foxglove is not None and topic.delivery is not Delivery.LATCHED:
+            foxglove.add(topic, taken, now_ns, compressed)
+        if log is None:
+            self._missed.keep(topic, taken)
+        else:
+            log.add(topic, taken, now_ns, compressed)
 
     def tick(self) -> None:
         """Have a large chunk written. Only between steps: within one, messages of different topics

@@ -87,7 +87,9 @@ class Run:
         self._counts = MessageCounts()
         self._digests = self._open_digests()
         self._pictures = Pictures(setting.config.jpeg_quality)
-        self.messages = RunMessages(setting.config, world, setting.latched, self._pictures)
+        self.messages = RunMessages(
+            setting.config, world, setting.latched, self._pictures, setting.foxglove
+        )
         self._drawing = RunDrawing(setting, world, self._pictures, self.folder)
         self._has_pictures = False
         self._content: Mapping[str, Any] = {}
@@ -125,10 +127,10 @@ class Run:
         self._counts.ours = counts
         self.messages.tick()
         now_s = self._setting.wall_clock_s()
-        self._judge.tick(now_s)
+        self._judge.tick(now_s, now_ns)
         if self._setting.live is not None and now_s - self._sent_s >= SEND_PERIOD_S:
             self._sent_s = now_s
-            self._drawing.send_transforms()
+            self._drawing.send()
         if now_s - self._flushed_s >= FLUSH_PERIOD_S:
             self._flushed_s = now_s
             self._flush()

@@ -10,9 +10,10 @@ from mazebot.common.messages import documents as doc
 from mazebot.common.messages.topics import Topic
 from mazebot.common.recordings.summary import Hardware
 from mazebot.recorder.config import RecorderConfig
-from mazebot.recorder.keeping.latched import Latched
+from mazebot.recorder.stream.latched import Latched
 
 if TYPE_CHECKING:
+    from mazebot.recorder.foxglove.server import FoxgloveServer
     from mazebot.recorder.stream.live_feed import LiveFeed
 
 
@@ -25,6 +26,7 @@ class Setting:
     versions: Mapping[str, str]
     hardware: Hardware | None = None
     live: LiveFeed | None = None
+    foxglove: FoxgloveServer | None = None
     resumable: bool = False
     """Whether a recorder resumes a run whose recorder died."""
     assets: dict[str, bytes] = field(default_factory=dict)

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import re
-import stat
 from pathlib import Path
 
 from lxml import etree
 
+from mazebot.common.files.limits import MAX_DOCUMENT_BYTES
+from mazebot.common.files.reading import NotReadableError, read_limited, reason
 from mazebot.worldgen.xml_comments import without_comments
 
-MAX_FILE_BYTES = 64 * 1024 * 1024
+MAX_FILE_BYTES = MAX_DOCUMENT_BYTES
 
 _LATE_DECLARATION = re.compile(rb"\A(\s+)(<\?xml\s[^>]*\?>)")
 _FORBIDDEN = (b"<!DOCTYPE", b"<!ENTITY")
@@ -47,15 +48,10 @@ def without_doctype(data: bytes) -> bytes:
 def bytes_of(file: Path, max_bytes: int = MAX_FILE_BYTES) -> bytes:
     """The bytes of a regular file of limited size. Raises UnreadableError."""
     try:
-        facts = file.stat()
-        if not stat.S_ISREG(facts.st_mode):
-            raise UnreadableError("is not a file")
-        if facts.st_size > max_bytes:
-            raise UnreadableError(f"has {facts.st_size} bytes, must have at most {max_bytes}")
-        return file.read_bytes()
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or "cannot be read"
-        raise UnreadableError(reason[0].lower() + reason[1:]) from None
+        return read_limited(file, max_bytes)
+    except (OSError, NotReadableError) as error:
+        phrase = reason(error)
+        raise UnreadableError(phrase[0].lower() + phrase[1:]) from None
 
 
 def tree_of(data: bytes) -> etree._Element:

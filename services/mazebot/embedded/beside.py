@@ -1,4 +1,4 @@
-"""The console beside a run in this process."""
+"""What serves a run in this process to people: the console, Foxglove, a bus for commands."""
 
 from __future__ import annotations
 
@@ -35,35 +35,43 @@ class BusBeside(Protocol):
         """End it, whether or not a run is on it."""
 
 
-class ConsoleBeside:
-    """A console for one run, on a thread of its own."""
+class Beside:
+    """A run in real time, and a console on a thread of its own."""
 
     def __init__(
-        self, config: ConsoleConfig, open_bus: Callable[[], BusBeside] | None = None
+        self, config: ConsoleConfig | None = None, open_bus: Callable[[], BusBeside] | None = None
     ) -> None:
-        """Raises ConfigError where a port is in use or may not be bound."""
+        """Without a `config` there is no console.
+
+        Raises ConfigError where a port is in use or may not be bound.
+        """
         self.transport = WatchedTransport()
         """Of the run."""
         self.robot = MemoryRobot(self.transport)
-        self._server = ConsoleServer(
-            build_app(config, live_routes(self.robot, _HOW_TO_START)), config
-        )
+        self._server: ConsoleServer | None = None
+        if config is not None:
+            routes = live_routes(self.robot, _HOW_TO_START)
+            self._server = ConsoleServer(build_app(config, routes), config)
         try:
             self._bus = None if open_bus is None else open_bus()
         except ConfigError:
-            self._server.stop()
+            if self._server is not None:
+                self._server.stop()
             raise
 
     @property
     def url(self) -> str:
-        """The console's address."""
-        return self._server.url
+        """The console's address; "": there is none."""
+        return "" if self._server is None else self._server.url
 
     def play(self, executive: Executive, until: Callable[[], bool]) -> None:
-        """Run in real time, or at the speed that the console asks for, until `until()` holds."""
+        """Run in real time, or at the speed that is asked for, until `until()` holds."""
         self.robot.begin(executive)
-        self._server.start()
-        _LOG.info("%s%s (Ctrl-C ends the run)", SERVED, self.url)
+        if self._server is not None:
+            self._server.start()
+            _LOG.info("%s%s (Ctrl-C ends the run)", SERVED, self.url)
+            if self._server.viewers_url:
+                _LOG.info("%s is for those who may only look on", self._server.viewers_url)
         if self._bus is not None:
             self._bus.carry(executive.nodes, self.transport)
         _run(executive, self.robot, until)
@@ -73,7 +81,8 @@ class ConsoleBeside:
         if self._bus is not None:
             self._bus.close()
         self.robot.close()
-        self._server.stop()
+        if self._server is not None:
+            self._server.stop()
 
 
 def _run(executive: Executive, robot: MemoryRobot, until: Callable[[], bool]) -> None:

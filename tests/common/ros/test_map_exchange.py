@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from mazebot.common.maths.frames import SE2
+from mazebot.common.ros.map_exchange import MapDataError, document_of_map, map_of_document
 from mazebot.common.world.map_files import MapFile
-from mazebot.worldgen.map.map_exchange import MapDataError, document_of_map, map_of_document
 
 CELLS = np.array([[0, 100, -1], [50, 0, 0]], np.int8)
 REQUEST = document_of_map(MapFile(CELLS, 0.05, SE2(-1.0, 2.0, 0.5)))

@@ -1,0 +1,1 @@
+"""Keys of a stack, and what each lets its owner do."""

@@ -1,0 +1,241 @@
+"""Opens bags of ROS 2: an MCAP file, a `.db3` file of rosbag2, or a folder of either, also one that
+was not closed: without metadata.yaml, or cut.
+"""
+
+from __future__ import annotations
+
+import heapq
+import sys
+import tempfile
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import cast
+
+import zstandard
+from rosbags.interfaces import Connection, ConnectionExtRosbag2
+
+from mazebot.cli.bags.mcap_bag import McapBag
+from mazebot.cli.bags.sqlite_bag import SqliteBag
+from mazebot.common.config import ConfigError
+from mazebot.common.files import bounded_yaml
+from mazebot.common.files.limits import MAX_CHUNK_BYTES, MAX_TEXT_BYTES
+from mazebot.common.files.reading import (
+    NotReadableError,
+    most_unpacked,
+    open_regular,
+    read_limited,
+)
+from mazebot.common.problems import words
+from mazebot.common.recordings.mcap.mcap_records import McapError
+
+METADATA = "metadata.yaml"
+CDR = "cdr"
+_STORAGES = (".mcap", ".db3")
+_PACKED = (".zstd", ".zst")
+_ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+_MCAP_MAGIC = b"\x89MCAP"
+_ROSBAG_1 = b"#ROSBAG V"
+_SQLITE_MAGIC = b"SQLite format 3\0"
+_PIECE_BYTES = 65_536
+_MANY = 6
+"""Files that a line names."""
+_Warn = Callable[[str, str], None]
+
+
+_Storage = McapBag | SqliteBag
+
+
+class Bag:
+    """The topics of all files of a bag, and their messages by the time of logging."""
+
+    def __init__(self, name: str, storages: Sequence[tuple[Path, _Storage]]) -> None:
+        """`name` begins the line of an error."""
+        self._name = name
+        self._storages = storages
+        self.damaged: dict[str, str] = {}
+        """Files of which a part is left out, with the reason; complete when all has been read."""
+        self.connections: list[Connection] = []
+        """Each with an id of its own: a topic has one for each file, and for each publisher."""
+        self._own: list[tuple[int, Connection]] = []
+        for number, (_, storage) in enumerate(storages):
+            for connection in storage.connections:
+                self._own.append((number, connection))
+                self.connections.append(connection._replace(id=len(self.connections)))
+
+    def messages(
+        self, connections: Collection[Connection] | None = None
+    ) -> Iterator[tuple[Connection, int, bytes]]:
+        """Topic, time of logging in ns and content of each message, of all topics or some.
+
+        Raises ConfigError where they cannot be read.
+        """
+        chosen = self.connections if connections is None else connections
+        series = [self._of(number, chosen) for number in range(len(self._storages))]
+        yield from heapq.merge(*series, key=lambda message: message[1])
+
+    def _of(
+        self, number: int, chosen: Collection[Connection]
+    ) -> Iterator[tuple[Connection, int, bytes]]:
+        path, storage = self._storages[number]
+        wanted = {
+            self._own[one.id][1].id: (one, self._own[one.id][1])
+            for one in chosen
+            if self._own[one.id][0] == number
+        }
+        try:
+            for own, log_ns, data in storage.messages([own for _, own in wanted.values()]):
+                yield wanted[own.id][0], log_ns, _plain(bytes(data))
+        except Exception as error:
+            # Each storage has errors of its own.
+            raise ConfigError(f"{self._name}: {path}: {_line(error)}") from error
+        if isinstance(storage, McapBag) and storage.damaged:
+            damaged = storage.damaged
+            many = "chunks" if damaged > 1 else "chunk"
+            why = f", one of which {storage.too_large}" if storage.too_large else ""
+            self.damaged[path.name] = f"{damaged} corrupt {many}{why}"
+
+    @property
+    def end_ns(self) -> int:
+        """When the last message was logged; 0: there is none."""
+        return max((storage.end_ns for _, storage in self._storages), default=0)
+
+
+def encoding_of(connection: Connection) -> str:
+    """How the messages of a topic are encoded: `cdr`, or what is not of ROS 2."""
+    return cast("ConnectionExtRosbag2", connection.ext).serialization_format
+
+
+@contextmanager
+def opened(path: Path, name: str, warns: bool = True) -> Iterator[Bag]:
+    """A bag, within a context. `name` is the option or command to begin each line with.
+
+    The files of a folder are those that its metadata.yaml names, else all there are; an MCAP file
+    that is cut is read as far as it goes. Both are told on standard error, with `warns`.
+
+    Raises ConfigError, one line that names the file, where one cannot be read.
+    """
+    warn = _warn if warns else _say_nothing
+    with ExitStack() as stack:
+        files = _files_of(path, name, warn) if path.is_dir() else [path]
+        yield Bag(name, [(file, _open(file, name, stack, warn)) for file in files])
+
+
+def is_bag(folder: Path) -> bool:
+    """Whether a folder holds files of a bag."""
+    return (folder / METADATA).is_file() or bool(_all_files(folder))
+
+
+def _files_of(folder: Path, name: str, warn: _Warn) -> list[Path]:
+    why = f"has no {METADATA}"
+    if (folder / METADATA).is_file():
+        listed = _listed(folder)
+        missing = [file.name for file in listed if not file.is_file()]
+        if listed and not missing:
+            return listed
+        why = f"{METADATA} is of no use"
+        if missing:
+            why = f"{METADATA} names {_some(missing)}, missing here"
+    files = _all_files(folder)
+    if not files:
+        raise ConfigError(f"{name}: {folder}: {why}, and there is no .mcap or .db3 file")
+    warn(name, f"{folder}: {why}: read file by file: {_some([file.name for file in files])}")
+    return files
+
+
+def _listed(folder: Path) -> list[Path]:
+    """The files that metadata.yaml names, none where it cannot be read."""
+    try:
+        text = read_limited(folder / METADATA, MAX_TEXT_BYTES).decode(errors="replace")
+        names = bounded_yaml.load(text)["rosbag2_bagfile_information"]["relative_file_paths"]
+        return [folder / Path(one).name for one in names]
+    except (OSError, *bounded_yaml.ERRORS):
+        return []
+
+
+def _all_files(folder: Path) -> list[Path]:
+    return sorted(file for file in folder.iterdir() if file.is_file() and _storage(file))
+
+
+def _some(names: Sequence[str]) -> str:
+    rest = len(names) - _MANY
+    return ", ".join(names[:_MANY]) + (f" and {rest} more" if rest > 0 else "")
+
+
+def _storage(file: Path) -> str:
+    """The ending that says the file's format; "": none of a bag."""
+    inside = file.with_suffix("") if file.suffix in _PACKED else file
+    return inside.suffix if inside.suffix in _STORAGES else ""
+
+
+def _open(file: Path, name: str, stack: ExitStack, warn: _Warn) -> _Storage:
+    try:
+        inside = _unpacked(file, stack) if file.suffix in _PACKED else file
+        with open_regular(inside) as begun:
+            begin = begun.read(len(_SQLITE_MAGIC))
+        if begin.startswith(_ROSBAG_1):
+            raise ConfigError(
+                f"{name}: {file}: is a bag of ROS 1: must be converted to rosbag2, for example "
+                "by rosbags-convert"
+            )
+        if not begin.startswith(_MCAP_MAGIC) and begin != _SQLITE_MAGIC:
+            what = "is empty" if not begin else "is neither MCAP nor SQLite"
+            raise ConfigError(f"{name}: {file}: {what}: must be a file of rosbag2")
+        if begin == _SQLITE_MAGIC:
+            return SqliteBag(inside)
+        bag = McapBag(inside)
+    except ConfigError:
+        raise
+    except Exception as error:
+        # Each storage has errors of its own.
+        raise ConfigError(f"{name}: {file}: is not a readable bag: {_line(error)}") from error
+    if not bag.is_whole:
+        warn(name, f"{file}: is cut: read as far as it goes")
+    return bag
+
+
+def _unpacked(file: Path, stack: ExitStack) -> Path:
+    folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="mazebot-bag-")))
+    inside = folder / file.stem
+    with open_regular(file) as packed, inside.open("wb") as unpacked:
+        most = most_unpacked(packed)
+        for piece in zstandard.ZstdDecompressor().read_to_iter(packed):
+            if unpacked.tell() + len(piece) > most:
+                raise NotReadableError(f"grows to more than {most} bytes")
+            unpacked.write(piece)
+    return inside
+
+
+def _plain(data: bytes) -> bytes:
+    """A message; of a bag that packs each, unpacked. CDR does not begin as zstd does."""
+    if not data.startswith(_ZSTD_MAGIC):
+        return data
+    size = zstandard.frame_content_size(data)
+    if size > MAX_CHUNK_BYTES:
+        raise McapError(f"a message has {size} bytes unpacked, must have at most {MAX_CHUNK_BYTES}")
+    if size >= 0:
+        return zstandard.ZstdDecompressor().decompress(data)
+    pieces, rest = [], MAX_CHUNK_BYTES
+    with zstandard.ZstdDecompressor().stream_reader(data) as reader:
+        while piece := reader.read(_PIECE_BYTES):
+            pieces.append(piece)
+            rest -= len(piece)
+            if rest < 0:
+                raise McapError(f"a message has more than {MAX_CHUNK_BYTES} bytes unpacked")
+    return b"".join(pieces)
+
+
+def _line(error: Exception) -> str:
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror
+    if isinstance(error, McapError):
+        return str(error).rpartition(": ")[2]
+    return " ".join(str(error).split())[:200] or type(error).__name__
+
+
+def _warn(name: str, line: str) -> None:
+    sys.stderr.write(f"warning: {name}: {words(line)}\n")
+
+
+def _say_nothing(name: str, line: str) -> None:
+    pass

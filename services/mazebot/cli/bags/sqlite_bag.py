@@ -1,0 +1,102 @@
+"""Reads `.db3` files of rosbag2."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Collection, Iterator
+from contextlib import closing
+from pathlib import Path
+from urllib.parse import quote
+
+from rosbags.interfaces import (
+    Connection,
+    ConnectionExtRosbag2,
+    MessageDefinition,
+    MessageDefinitionFormat,
+)
+
+from mazebot.common.files.limits import MAX_CHUNK_BYTES
+
+_READ = {"topics", "messages", "message_definitions"}
+_FORMATS = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": MessageDefinitionFormat.IDL}
+
+
+class SqliteBag:
+    """The topics of a file, and its messages by their time.
+
+    Raises sqlite3.Error where it is damaged, or no such file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        # Nobody writes, so neither locks nor a journal are needed.
+        self._uri = f"file:{quote(str(path.resolve()))}?immutable=1"
+        with closing(self._connected()) as database:
+            tables = _tables(database)
+            definitions: dict[str, MessageDefinition] = {}
+            # Since Iron.
+            if "message_definitions" in tables:
+                for kind, encoding, text in database.execute(
+                    "SELECT topic_type, encoding, encoded_message_definition "
+                    "FROM message_definitions"
+                ):
+                    if encoding in _FORMATS and isinstance(text, str):
+                        definitions[kind] = MessageDefinition(_FORMATS[encoding], text)
+            none = MessageDefinition(MessageDefinitionFormat.NONE, "")
+            self.connections = [
+                Connection(
+                    number, topic, kind, definitions.get(kind, none), "", 0,
+                    ConnectionExtRosbag2(encoding, []), self,
+                )
+                for number, topic, kind, encoding in database.execute(
+                    "SELECT id, name, type, serialization_format FROM topics ORDER BY id"
+                )
+                if _are(int, number) and _are(str, topic, kind, encoding)
+            ]  # fmt: skip
+            (end_ns,) = database.execute("SELECT MAX(timestamp) FROM messages").fetchone()
+        if end_ns is not None and not _are(int, end_ns):
+            raise sqlite3.DatabaseError(f"timestamp {end_ns!r:.40} must be an integer")
+        self.end_ns: int = end_ns or 0
+        """When the last message was logged; 0: there is none."""
+
+    def messages(
+        self, connections: Collection[Connection]
+    ) -> Iterator[tuple[Connection, int, bytes]]:
+        """The messages of some topics by the time of logging."""
+        wanted = {connection.id: connection for connection in connections}
+        marks = ",".join("?" * len(wanted))
+        with closing(self._connected()) as database:
+            for number, log_ns, data in database.execute(
+                f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) "
+                "ORDER BY timestamp, id",
+                tuple(wanted),
+            ):
+                if not (_are(int, log_ns) and _are(bytes, data)):
+                    raise sqlite3.DatabaseError("a message must have an integer time and bytes")
+                yield wanted[number], log_ns, data
+
+    def _connected(self) -> sqlite3.Connection:
+        database = sqlite3.connect(self._uri, uri=True, check_same_thread=False)
+        # No functions in the file's own definitions; limits for what they may yield.
+        database.execute("PRAGMA trusted_schema = OFF")
+        database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_CHUNK_BYTES)
+        return database
+
+
+def _tables(database: sqlite3.Connection) -> set[str]:
+    """The names of the tables. Raises sqlite3.Error where one that is read is computed: a view,
+    for example, may have rows without end.
+    """
+    found = set()
+    for kind, name, definition in database.execute("SELECT type, name, sql FROM sqlite_master"):
+        if not (_are(str, name, kind) and name.lower() in _READ):
+            continue
+        columns = database.execute("SELECT hidden FROM pragma_table_xinfo(?)", (name,))
+        is_plain = kind == "table" and not str(definition).upper().startswith("CREATE VIRTUAL")
+        if not is_plain or any(hidden for (hidden,) in columns):
+            raise sqlite3.DatabaseError(f"{name} is computed, must be a table of values")
+        found.add(name)
+    return found
+
+
+def _are(kind: type, *values: object) -> bool:
+    return all(isinstance(value, kind) for value in values)

@@ -1,0 +1,85 @@
+"""Prints docs/access.md from the rules that are made of the tables of topics and services."""
+
+from __future__ import annotations
+
+import sys
+
+from mazebot.common.access.grants import PEOPLE, Verb
+from mazebot.common.access.matrix import Row, in_short, matrix
+from mazebot.common.messages.keys import Keys
+
+_HEAD = """# Access to the bus
+
+Generated from `services/mazebot/common/access/` by `make generate`; do not edit.
+
+Without keys, whoever can open the router's port can drive the robot and forge its sensors; the port
+is open on this machine alone. With keys, the router lets nobody in without one, and each does only
+what its role needs. For a class, an exam, or a machine with several users:
+
+```sh
+mazebot up --world original --keys keys     # makes the keys that are missing in the folder `keys`
+mazebot ps                                  # your own tools find the operator's key by themselves
+mazebot down
+mazebot keys make
+mazebot keys list
+mazebot keys add anna --role viewer         # a file to hand over: keys/anna.key
+mazebot security explain anna /cmd_vel      # which rule decides
+mazebot security matrix                     # the table below
+mazebot keys rotate                         # new keys for everyone; the old ones are refused
+mazebot keys revoke anna
+```
+
+Anna sets `MAZEBOT_BUS_KEY_FILE=anna.key` and uses the same commands; what her key does not let her
+do is refused in a line. While a stack runs, keys may be made, revoked and replaced: within a second
+everyone signs in again, the robot stands for that time, and the services go on where they were. A
+key that is wrong changes nothing, and the router's log names it.
+
+A service publishes the topics that the table gives it, and no others; nobody has its name but
+itself. A node of ROS 2 signs in by `ZENOH_CONFIG_OVERRIDE`, with `transport/auth/usrpwd/user` and
+`transport/auth/usrpwd/password` of a key's file. It must be a client (`mode="client"`): two peers
+talk past the router, and past its rules. With a wildcard, such as `**`, nothing is read.
+
+The password crosses the network in the open: keys are for one machine, or a network that you trust.
+The console signs in with one key for all who open its page ([console](console.md)). In lockstep,
+keys must not be changed while a run goes on. `MAZEBOT_ROUTER_GROUND_TRUTH_FOR=grader` makes an
+exam: of people, only a grader may read the ground truth.
+
+| role | may |
+| --- | --- |
+"""
+_SERVICE_ROLE = "| each service | publishes, reads and answers what the tables below say |\n"
+_TOPICS_HEAD = """
+## Topics
+
+| topic | may publish | may read |
+| --- | --- | --- |
+"""
+_SERVICES_HEAD = """
+## Queries, services and actions
+
+| name | may ask | may answer |
+| --- | --- | --- |
+"""
+
+
+def access_page() -> str:
+    """Return the text of the page."""
+    roles = "".join(f"| {role} | {about} |\n" for role, about in PEOPLE.items())
+    rows = list(matrix(Keys()))
+    topics = [row for row in rows if Verb.PUT in row.roles]
+    services = [row for row in rows if Verb.PUT not in row.roles]
+    return (
+        _HEAD + roles + _SERVICE_ROLE + _TOPICS_HEAD + _table(topics) + _SERVICES_HEAD
+        + _table(services)
+    )  # fmt: skip
+
+
+def _table(rows: list[Row]) -> str:
+    return "".join(
+        f"| `{row.name}` | {' | '.join(in_short(roles) for roles in row.roles.values())} |\n"
+        for row in rows
+    )
+
+
+if __name__ == "__main__":
+    sys.stdout.write(access_page())

@@ -1,0 +1,1 @@
+"""Who may do what on the bus: identities, and rules made from the tables of topics and services."""

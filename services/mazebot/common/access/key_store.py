@@ -1,0 +1,130 @@
+"""A folder of keys: one file for each identity."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import secrets
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+
+from mazebot.common.access.grants import PEOPLE, ROLES, ROUTER
+from mazebot.common.config import ConfigError
+from mazebot.common.files.key_file import NAME, SUFFIX, Key, KeyFileError, file_of, read_key
+from mazebot.common.messages.topics import SERVICES
+
+_PASSWORD_BYTES = 32
+
+
+class KeyStore:
+    """A folder of keys, of which each is readable by its owner alone."""
+
+    def __init__(self, folder: Path) -> None:
+        """The folder is made with its first key. Raises ConfigError where it is none."""
+        if folder.exists() and not folder.is_dir():
+            raise ConfigError(f"{folder}: must be a folder of keys")
+        self.folder = folder
+
+    def path_of(self, name: str) -> Path:
+        """The file of an identity, whether it is there or not."""
+        return file_of(self.folder, name)
+
+    def read(self) -> dict[str, Key]:
+        """All keys by their names.
+
+        Raises ConfigError where a file is no key, has another name than its key or an unknown role.
+        """
+        found: dict[str, Key] = {}
+        for path in sorted(self.folder.glob(f"*{SUFFIX}")):
+            try:
+                key = read_key(path)
+            except KeyFileError as error:
+                raise ConfigError(str(error)) from error
+            if key.name != path.name.removesuffix(SUFFIX):
+                raise ConfigError(f"{path}: name: {key.name}: must be the file's")
+            if key.role not in ROLES:
+                raise ConfigError(f"{path}: role: {key.role}: must be one of {', '.join(ROLES)}")
+            if key.role not in PEOPLE and key.role != key.name:
+                raise ConfigError(
+                    f"{path}: role: {key.role}: must be one of {', '.join(PEOPLE)}: a service has "
+                    "one key"
+                )
+            found[key.name] = key
+        return found
+
+    def changed_ns(self) -> dict[str, int]:
+        """The time of the last change of each file, in nanoseconds, by its name."""
+        found = {}
+        for path in self.folder.glob(f"*{SUFFIX}"):
+            # It may be removed meanwhile.
+            with contextlib.suppress(OSError):
+                found[path.name] = path.stat().st_mtime_ns
+        return found
+
+    def complete(self) -> list[str]:
+        """Make the keys of the services, and one for each role of people, that are missing; return
+        their names.
+
+        Raises ConfigError.
+        """
+        there = self.read()
+        missing = [name for name in (ROUTER, *SERVICES, *PEOPLE) if name not in there]
+        for name in missing:
+            self._make(name, name)
+        return missing
+
+    def add(self, name: str, role: str) -> Path:
+        """Make a key for a person. Raises ConfigError where the name is taken, or is none."""
+        if NAME.fullmatch(name) is None:
+            raise ConfigError(
+                f"name: {name!r:.60}: must be 1 to 32 lower-case letters, digits, - and _, the "
+                "first one a letter"
+            )
+        if role not in PEOPLE:
+            raise ConfigError(f"role: {role!r:.60}: must be one of {', '.join(PEOPLE)}")
+        if name in ROLES and name != role:
+            raise ConfigError(f"name: {name}: must not be the name of a service or another role")
+        if name in self.read():
+            raise ConfigError(f"name: {name}: has a key already: `mazebot keys rotate {name}`")
+        return self._make(name, role)
+
+    def revoke(self, name: str) -> None:
+        """Remove a person's key. Raises ConfigError where there is none, or it is a service's."""
+        if self._there(name).role not in PEOPLE:
+            raise ConfigError(
+                f"name: {name}: a service needs its key: `mazebot keys rotate {name}`"
+            )
+        self.path_of(name).unlink()
+
+    def rotate(self, names: Iterable[str]) -> list[str]:
+        """Replace keys by new ones, without names all; return their names.
+
+        Raises ConfigError, before any is replaced, where one is missing.
+        """
+        keys = [self._there(name) for name in names] or list(self.read().values())
+        for key in keys:
+            self._make(key.name, key.role)
+        return [key.name for key in keys]
+
+    def _there(self, name: str) -> Key:
+        keys = self.read()
+        if name not in keys:
+            some = ", ".join(keys) or "none; make them with `mazebot keys make`"
+            raise ConfigError(f"name: {name!r:.60}: has no key in {self.folder}: there are {some}")
+        return keys[name]
+
+    def _make(self, name: str, role: str) -> Path:
+        key = Key(name, role, secrets.token_urlsafe(_PASSWORD_BYTES))
+        path = self.path_of(name)
+        try:
+            self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            # Readable by its owner from the first moment, and never half written.
+            handle, new = tempfile.mkstemp(dir=self.folder, prefix=".", suffix=".new")
+            with os.fdopen(handle, "w", encoding="utf-8") as file:
+                json.dump(key._asdict(), file)
+            Path(new).replace(path)
+        except OSError as error:
+            raise ConfigError(f"{path}: {error.strerror}") from error
+        return path

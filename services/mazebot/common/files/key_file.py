@@ -1,0 +1,80 @@
+"""The key of an identity: a file with its name and password. It imports little, as `health` needs
+it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import tempfile
+from pathlib import Path
+from typing import NamedTuple
+
+NAME = re.compile(r"[a-z][a-z0-9_-]{0,31}")
+"""Of an identity, and of a role."""
+_PASSWORD = re.compile(r"[A-Za-z0-9_-]{20,128}")
+_FORMS = {"name": NAME, "role": NAME, "password": _PASSWORD}
+SUFFIX = ".key"
+_LONGEST = 4096
+"""Bytes of a key file: far above what it holds."""
+KEYS = "keys"
+"""The folder with the keys in a stack's folder, while it runs with keys."""
+_LOOPBACK = re.compile(r"tcp/(127\.0\.0\.1|localhost|\[::1\]):(?P<port>\d+)")
+
+
+class KeyFileError(ValueError):
+    """A file that is no key; the text is one line."""
+
+
+class Key(NamedTuple):
+    """An identity with its password."""
+
+    name: str
+    role: str
+    password: str
+
+
+def file_of(folder: Path, name: str) -> Path:
+    """The file of an identity in a folder of keys, whether it is there or not."""
+    return folder / f"{name}{SUFFIX}"
+
+
+def read_key(path: Path) -> Key:
+    """The key in a file. Raises KeyFileError."""
+    try:
+        with path.open("rb") as file:
+            content = json.loads(file.read(_LONGEST))
+    except OSError as error:
+        raise KeyFileError(f"{path}: {error.strerror}") from error
+    except (ValueError, RecursionError) as error:
+        raise KeyFileError(f"{path}: must be a key that `mazebot keys` made") from error
+    for field, form in _FORMS.items():
+        value = content.get(field) if isinstance(content, dict) else None
+        if not isinstance(value, str) or form.fullmatch(value) is None:
+            raise KeyFileError(f"{path}: {field}: must be a key that `mazebot keys` made")
+    return Key(*(content[field] for field in Key._fields))
+
+
+def sign_in(key: Key) -> dict[str, object]:
+    """The settings of a Zenoh session that signs in with a key."""
+    return {"transport/auth/usrpwd": {"user": key.name, "password": key.password}}
+
+
+def stacks_folder() -> Path:
+    """The folder of all stacks of this user, whether it is there or not."""
+    runtime = os.environ.get("XDG_RUNTIME_DIR")
+    if runtime and os.access(runtime, os.W_OK):
+        return Path(runtime) / "mazebot"
+    return Path(tempfile.gettempdir()) / f"mazebot-{os.getuid()}"
+
+
+def operators_key(endpoint: str) -> Path | None:
+    """The operator's key of this user's stack whose router listens at an endpoint; None: there is
+    no such stack, or it has no keys.
+    """
+    found = _LOOPBACK.fullmatch(endpoint)
+    if found is None:
+        return None
+    path = file_of(stacks_folder() / found["port"] / KEYS, "operator")
+    return path if path.exists() else None

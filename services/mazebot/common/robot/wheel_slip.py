@@ -1,0 +1,272 @@
+"""Notices that the wheels turn and the robot does not move as they say, and measures how it moves
+instead: by scans a short drive apart.
+
+A scan is compared with one before that the wheels say was taken elsewhere. While odometry explains
+both, that is all. Where it does not, the motion is sought that does, among shares of odometry's way
+and turns of the robot: it is a slip if far less than odometry's way explains the scans far better.
+Scans that do not tell, as of open floor or along a corridor, change nothing. A scan measures turns
+better than a gyroscope's readings do, and costs less than these at their rate.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections import deque
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mazebot.common.maths import portable_kernels
+from mazebot.common.maths.frames import SE2, Array, wrap_angle
+from mazebot.common.maths.kernels import kernel
+from mazebot.common.maths.odometry_history import OdometryHistory
+from mazebot.common.messages.scan import Scan
+
+_WAY_M, _TURN_RAD = 0.06, 0.15
+"""Scans are compared that odometry puts this far apart."""
+_WITHIN_NS: Final = 1_500_000_000
+_STILL_M, _STILL_RAD = 0.01, 0.02
+"""Wheels that turn by less between two scans stand."""
+_SHARES: Final = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
+_SLIP_SHARE: Final = 0.5
+"""Of odometry's way: what is more is a wrong scale, which the filter learns."""
+_TURNS_RAD: Final = np.linspace(-0.3, 0.3, 31)
+_MOST_M: Final = 0.15
+"""A beam's misfit counts as no more: it met another thing."""
+_USUAL_M: Final = 0.012
+"""Mean misfit where odometry is right, until it is measured."""
+_MISFIT_RATIO, _MISFIT_M = 2.0, 0.01
+"""A scan with more than this multiple of the usual misfit, and so much more, is not explained."""
+_GAIN: Final = 0.02
+_BETTER: Final = 0.5
+"""Of odometry's misfit another motion may have at most half."""
+_LEAST_BEAMS: Final = 25
+_BEAM_STEP: Final = 4
+_AGAIN: Final = 2
+"""Comparisons in a row that have to agree."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    stamp_ns: int
+    odom_from_base: SE2
+    steady_from_base: SE2
+    scan: Scan
+
+
+class WheelSlip:
+    """Odometry without the way that slipping wheels add. Frames: `odom` is what the wheels say,
+    `steady` where the robot would be by them without the slips noticed.
+
+    The same calls give the same bits; without a slip, so does odometry.
+    """
+
+    def __init__(self) -> None:
+        self.slips = False
+        """Whether the wheels slip now."""
+        self.steady_from_odom: SE2 | None = None
+        """The correction of odometry at its latest time; None: no slip was noticed yet."""
+        self._history = OdometryHistory()
+        self._seen: deque[_Seen] = deque()
+        self._steady_from_base: SE2 | None = None
+        """Of the latest odometry, where it was corrected."""
+        self._usual_m = _USUAL_M
+        self._agreed = 0
+
+    def odometry(self, stamp_ns: int, odom_from_base: SE2) -> SE2:
+        """Add odometry; the same, corrected."""
+        if self._history.add(stamp_ns, odom_from_base):
+            if self.slips and self._steady_from_base is not None:
+                self.steady_from_odom = self._steady_from_base @ odom_from_base.inverse()
+            elif self.steady_from_odom is not None:
+                self._steady_from_base = self.steady_from_odom @ odom_from_base
+        if self.steady_from_odom is None:
+            return odom_from_base
+        return self.steady_from_odom @ odom_from_base
+
+    def scan(self, scan: Scan) -> bool:
+        """Compare a scan with those before; whether the correction of odometry has changed by it:
+        the latest pose is `corrected` now.
+        """
+        odom_from_base = self._history.at(scan.stamp_ns)
+        if odom_from_base is None:
+            return False
+        if self._seen and scan.stamp_ns <= self._seen[-1].stamp_ns:
+            self._seen.clear()
+        seen = _Seen(scan.stamp_ns, odom_from_base, self._steady(odom_from_base), scan)
+        while self._seen and scan.stamp_ns - self._seen[0].stamp_ns > _WITHIN_NS:
+            self._seen.popleft()
+        changed = False
+        if self._seen:
+            if self.slips and not _moves(self._seen[-1], seen, _STILL_M, _STILL_RAD):
+                # Wheels that stand do not slip.
+                self.slips, self._agreed = False, 0
+            before = next(
+                (one for one in reversed(self._seen) if _moves(one, seen, _WAY_M, _TURN_RAD)), None
+            )
+            if before is not None:
+                changed = self._compare(before, seen)
+        self._seen.append(seen)
+        if changed:
+            # What was corrected until now was not right.
+            self._seen.clear()
+        return changed
+
+    @property
+    def corrected(self) -> SE2:
+        """The corrected pose of the latest odometry."""
+        return self._steady(self._history.latest[1])
+
+    def with_odom(self, map_from_steady: SE2) -> SE2:
+        """map_from_odom by a correction of corrected odometry."""
+        steady = self.steady_from_odom
+        return map_from_steady if steady is None else map_from_steady @ steady
+
+    def _steady(self, odom_from_base: SE2) -> SE2:
+        steady = self.steady_from_odom
+        return odom_from_base if steady is None else steady @ odom_from_base
+
+    def _compare(self, before: _Seen, seen: _Seen) -> bool:
+        moved = before.odom_from_base.inverse() @ seen.odom_from_base
+        x, y, turn = (float(value) for value in moved)
+        before_m, now_m = (np.array(one.scan.ranges_m, np.float32) for one in (before, seen))
+        lidar = _lidar_of(seen.scan)
+        by_odometry_m = _misfit_m(before_m, now_m, lidar, x, y, turn)
+        if by_odometry_m < 0.0:
+            return False
+        limit_m = _MISFIT_RATIO * self._usual_m + _MISFIT_M
+        if by_odometry_m <= limit_m:
+            if not self.slips:
+                self._usual_m += _GAIN * (by_odometry_m - self._usual_m)
+                return self._judge(before, seen, 1.0, turn)
+            at_rest_m = _misfit_m(before_m, now_m, lidar, 0.0, 0.0, 0.0)
+            if at_rest_m <= by_odometry_m / _BETTER:
+                # As along a corridor: it may stand as well.
+                self._agreed = 0
+                return False
+            return self._judge(before, seen, 1.0, turn)
+        share, best_turn, best_m = _best_motion(
+            before_m, now_m, lidar, x, y, turn, _SHARES, _TURNS_RAD
+        )
+        if best_m > limit_m or best_m > _BETTER * by_odometry_m:
+            self._agreed = 0
+            return False
+        return self._judge(before, seen, float(share), float(best_turn))
+
+    def _judge(self, before: _Seen, seen: _Seen, share: float, turn_rad: float) -> bool:
+        """Take in a comparison's result; whether the correction has changed."""
+        slips = share <= _SLIP_SHARE
+        if slips == self.slips:
+            self._agreed = 0
+            if not slips:
+                return False
+        else:
+            self._agreed += 1
+            if self._agreed < _AGAIN:
+                return False
+        self.slips, self._agreed = slips, 0
+        moved = before.odom_from_base.inverse() @ seen.odom_from_base
+        steady = before.steady_from_base @ SE2(share * moved.x_m, share * moved.y_m, turn_rad)
+        latest = self._history.latest[1]
+        if not slips:
+            steady = steady @ (seen.odom_from_base.inverse() @ latest)
+        self._steady_from_base = steady
+        self.steady_from_odom = steady @ latest.inverse()
+        return True
+
+
+def compile_kernels() -> None:
+    """Compile what a comparison calls, which a run comes to late."""
+    ranges_m, lidar = np.ones(360, np.float32), np.array([0.0, 0.0175, 0.1, 3.5, 0.0, 0.0, 0.0])
+    _misfit_m(ranges_m, ranges_m, lidar, 0.1, 0.0, 0.0)
+    _best_motion(ranges_m, ranges_m, lidar, 0.1, 0.0, 0.0, _SHARES, _TURNS_RAD[:1])
+
+
+def log_slip(logger: logging.Logger, slips: bool, slipped: bool) -> None:
+    """Tell where a slip begins and where it ends."""
+    if slips and not slipped:
+        logger.warning("the wheels slip: the pose does not follow them")
+    elif slipped and not slips:
+        logger.info("the wheels hold again")
+
+
+def _moves(before: _Seen, now: _Seen, way_m: float, turn_rad: float) -> bool:
+    a, b = before.odom_from_base, now.odom_from_base
+    return a.distance_m(b) >= way_m or abs(wrap_angle(b.yaw_rad - a.yaw_rad)) >= turn_rad
+
+
+def _lidar_of(scan: Scan) -> Array:
+    """(7,) first angle, step, shortest and longest range, and the lidar's pose on the robot."""
+    beams = scan.angle_min_rad, scan.angle_increment_rad, scan.range_min_m, scan.range_max_m
+    return np.array([*beams, *scan.base_from_scan], np.float64)
+
+
+@kernel()
+def _misfit_m(
+    before_m: NDArray[np.float32],
+    now_m: NDArray[np.float32],
+    lidar: Array,
+    x_m: float,
+    y_m: float,
+    turn_rad: float,
+) -> float:
+    """Mean misfit of a scan's echoes on the surfaces of one before, if the robot has moved by a
+    pose since; below 0 where too few can be compared. `lidar`: as `_lidar_of` gives it.
+    """
+    count, turn = before_m.size, round(2.0 * math.pi / abs(lidar[1]))
+    first_rad, step_rad, range_min_m, range_max_m = lidar[0], lidar[1], lidar[2], lidar[3]
+    sensor_x, sensor_y, sensor_rad = lidar[4], lidar[5], lidar[6]
+    c, s = portable_kernels.cos_sin(turn_rad)
+    cos, sin = portable_kernels.cos_sin(sensor_rad)
+    # From base to the sensor's frame at the scan before.
+    shift_x, shift_y = c * sensor_x - s * sensor_y + x_m, s * sensor_x + c * sensor_y + y_m
+    shift_x, shift_y = shift_x - sensor_x, shift_y - sensor_y
+    from_x, from_y = cos * shift_x + sin * shift_y, cos * shift_y - sin * shift_x
+    total, used = 0.0, 0
+    for i in range(0, now_m.size, _BEAM_STEP):
+        reach = now_m[i]
+        if not range_min_m <= reach < range_max_m:
+            continue
+        a, b = portable_kernels.cos_sin(first_rad + step_rad * i + turn_rad)
+        x, y = from_x + reach * a, from_y + reach * b
+        beam = (portable_kernels.atan2(y, x) - first_rad) / step_rad
+        low = math.floor(beam) % turn
+        high = (low + 1) % turn
+        if low >= count or high >= count:
+            continue
+        one, other = before_m[low], before_m[high]
+        if not (range_min_m <= one < range_max_m and range_min_m <= other < range_max_m):
+            continue
+        part = beam - math.floor(beam)
+        expected = one + part * (other - one)
+        total += min(abs(math.sqrt(x * x + y * y) - expected), _MOST_M)
+        used += 1
+    return total / used if used >= _LEAST_BEAMS else -1.0
+
+
+@kernel()
+def _best_motion(
+    before_m: NDArray[np.float32],
+    now_m: NDArray[np.float32],
+    lidar: Array,
+    x_m: float,
+    y_m: float,
+    turn_rad: float,
+    shares: Array,
+    turns_rad: Array,
+) -> tuple[float, float, float]:
+    """The share of odometry's way and the turn that fit best, and their misfit.
+
+    Turns about none and about that of odometry are tried: `turns_rad` are added to both.
+    """
+    best_share, best_turn, best_m = 1.0, turn_rad, np.inf
+    for share in shares:
+        for about in (0.0, turn_rad):
+            for add in turns_rad:
+                misfit_m = _misfit_m(before_m, now_m, lidar, share * x_m, share * y_m, about + add)
+                if 0.0 <= misfit_m < best_m:
+                    best_share, best_turn, best_m = share, about + add, misfit_m
+    return best_share, best_turn, best_m

@@ -1,0 +1,372 @@
+"""The table of actions: those of Nav2, by the documents of the user's own tools."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any, Final, NamedTuple
+
+from mazebot.common.messages import action_documents as act
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages.documents import Planar
+from mazebot.common.messages.error_codes import ErrorCode
+from mazebot.common.messages.topics import COMPUTE_PATH, SEND_GOAL, Query
+from mazebot.common.ros.call import Response
+from mazebot.common.ros.interfaces import Versioned
+from mazebot.common.ros.values import duration_values, planar_of, pose_stamped, seconds_of
+
+
+class GoalStatus(IntEnum):
+    """action_msgs/msg/GoalStatus."""
+
+    UNKNOWN = 0
+    ACCEPTED = 1
+    EXECUTING = 2
+    CANCELING = 3
+    SUCCEEDED = 4
+    CANCELED = 5
+    ABORTED = 6
+
+    @property
+    def is_terminal(self) -> bool:
+        """Whether the goal has ended."""
+        return self >= GoalStatus.SUCCEEDED
+
+
+class Ended(NamedTuple):
+    """How a goal ended."""
+
+    status: GoalStatus
+    result: Response
+
+
+class GoalError(ValueError):
+    """A goal that fails at once, with the error code of its action."""
+
+    def __init__(self, code: ErrorCode, message: str) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+@dataclass(frozen=True, eq=False)
+class Action:
+    """One row: an action, its type, and what its goal, feedback and result mean."""
+
+    name: str
+    type: str
+    owner: str
+    start: Callable[[Any, str], tuple[Query[Any, Any], Any]]
+    """The query by which a goal (a message) with an id starts. Raises GoalError."""
+    feedback: Callable[[act.ActionFeedback], Response]
+    result: Callable[[act.ActionResult, Any], Response]
+    """Of a goal (a message) that has run and ended."""
+    answer: Callable[[Any], Ended | None]
+    """How the goal has ended by the reply to the query; None: it runs. Raises GoalError where it
+    was rejected.
+    """
+    about: str
+
+    @property
+    def services(self) -> dict[str, str]:
+        """The types of its services by their names: to send a goal, to cancel, for the result."""
+        base = f"{self.name}/_action/"
+        return {
+            f"{base}send_goal": f"{self.type}_SendGoal",
+            f"{base}cancel_goal": "action_msgs/srv/CancelGoal",
+            f"{base}get_result": f"{self.type}_GetResult",
+        }
+
+    @property
+    def topics(self) -> dict[str, str]:
+        """The types of its topics by their names: feedback and status."""
+        base = f"{self.name}/_action/"
+        return {
+            f"{base}feedback": f"{self.type}_FeedbackMessage",
+            f"{base}status": "action_msgs/msg/GoalStatusArray",
+        }
+
+    def failed(self, code: int, message: str) -> Ended:
+        """The end of a goal that failed before it ran."""
+        return Ended(GoalStatus.ABORTED, {"error_code": code, "error_msg": message})
+
+
+def _sent(goal: Callable[[Any], act.ActionGoal]) -> Callable[[Any, str], tuple[Any, Any]]:
+    def start(message: Any, goal_id: str) -> tuple[Any, Any]:
+        return SEND_GOAL, act.SendGoal(goal_id=goal_id, goal=goal(message))
+
+    return start
+
+
+def _accepted(reply: act.SendGoalReply) -> Ended | None:
+    if reply.accepted:
+        return None
+    raise GoalError(ErrorCode(reply.error_code), reply.error_msg)
+
+
+def _planars(poses: list[msg.PoseStamped]) -> tuple[Planar, ...]:
+    return tuple(map(_planar, poses))
+
+
+def _planar(pose: msg.PoseStamped) -> Planar:
+    try:
+        return planar_of(pose)
+    except ValueError as error:
+        raise GoalError(ErrorCode.TF_ERROR, str(error)) from error
+
+
+def _poses(message: Any) -> list[msg.PoseStamped]:
+    """Since Kilted they are in nav_msgs/Goals."""
+    poses: list[msg.PoseStamped] = getattr(message.poses, "goals", message.poses)
+    return poses
+
+
+def _to_pose(message: Any) -> act.ActionGoal:
+    return act.NavigateToPose(pose=_planar(message.pose), behavior_tree=message.behavior_tree)
+
+
+def _through_poses(message: Any) -> act.ActionGoal:
+    poses = _planars(_poses(message))
+    return act.NavigateThroughPoses(poses=poses, behavior_tree=message.behavior_tree)
+
+
+def _waypoints(message: Any) -> act.ActionGoal:
+    return act.FollowWaypoints(
+        poses=_planars(message.poses),
+        number_of_loops=message.number_of_loops,
+        goal_index=message.goal_index,
+    )
+
+
+def _spin(message: Any) -> act.ActionGoal:
+    return act.Spin(
+        target_yaw_rad=message.target_yaw,
+        time_allowance_s=_allowance_s(message),
+        disable_collision_checks=getattr(message, "disable_collision_checks", False),
+    )
+
+
+def _allowance_s(message: Any) -> float:
+    """Less than none is none, as in Nav2."""
+    return max(seconds_of(message.time_allowance), 0.0)
+
+
+def _straight(message: Any, code: ErrorCode) -> dict[str, Any]:
+    target = message.target
+    if target.y or target.z:
+        raise GoalError(code, "target: y and z must be 0: the robot drives straight")
+    return {
+        "distance_m": target.x,
+        "speed_m_s": message.speed,
+        "time_allowance_s": _allowance_s(message),
+        "disable_collision_checks": getattr(message, "disable_collision_checks", False),
+    }
+
+
+def _back_up(message: Any) -> act.ActionGoal:
+    """Backwards whatever the signs, as in Nav2."""
+    values = _straight(message, ErrorCode.BACKUP_INVALID_INPUT)
+    return act.BackUp(
+        **{
+            **values,
+            "distance_m": abs(values["distance_m"]),
+            "speed_m_s": abs(values["speed_m_s"]),
+        }
+    )
+
+
+def _on_heading(message: Any) -> act.ActionGoal:
+    return act.DriveOnHeading(**_straight(message, ErrorCode.DRIVE_ON_HEADING_INVALID_INPUT))
+
+
+def _wait(message: Any) -> act.ActionGoal:
+    return act.Wait(duration_s=max(seconds_of(message.time), 0.0))
+
+
+def _assisted(message: Any) -> act.ActionGoal:
+    return act.AssistedTeleop(time_allowance_s=_allowance_s(message))
+
+
+def _dock(message: Any) -> act.ActionGoal:
+    """There is one type of dock: `dock_type` says nothing."""
+    return act.DockRobot(
+        dock_id=message.dock_id if message.use_dock_id else "",
+        dock_pose=None if message.use_dock_id else _planar(message.dock_pose),
+        navigate_to_staging_pose=message.navigate_to_staging_pose,
+        max_staging_time_s=max(message.max_staging_time, 0.0),
+    )
+
+
+def _undock(message: Any) -> act.ActionGoal:
+    return act.UndockRobot(max_undocking_time_s=max(message.max_undocking_time, 0.0))
+
+
+def _compute(message: Any, _: str) -> tuple[Any, Any]:
+    start = _planar(message.start) if message.use_start else None
+    goals = (_planar(message.goal),)
+    return COMPUTE_PATH, act.ComputePath(goals=goals, start=start, planner_id=message.planner_id)
+
+
+def _computed(reply: act.ComputePathReply) -> Ended | None:
+    if reply.error_code == ErrorCode.GOAL_REJECTED:
+        raise GoalError(ErrorCode.GOAL_REJECTED, reply.error_msg)
+    path = {"header": {"frame_id": "map"}, "poses": [pose_stamped(pose) for pose in reply.path]}
+    failed = reply.error_code != ErrorCode.NONE
+    return Ended(
+        GoalStatus.ABORTED if failed else GoalStatus.SUCCEEDED,
+        {"path": path, "error_code": reply.error_code, "error_msg": reply.error_msg},
+    )
+
+
+def _task_feedback(told: act.ActionFeedback) -> dict[str, Any]:
+    pose = told.current_pose
+    return {
+        "current_pose": {} if pose is None else pose_stamped(pose),
+        "navigation_time": duration_values(told.navigation_time_s),
+        "estimated_time_remaining": duration_values(told.estimated_time_remaining_s or 0.0),
+        "number_of_recoveries": told.number_of_recoveries or 0,
+        "distance_remaining": told.distance_remaining_m or 0.0,
+    }
+
+
+def _through_feedback(told: act.ActionFeedback) -> Response:
+    left = told.number_of_poses_remaining or 0
+    return {**_task_feedback(told), "number_of_poses_remaining": left}
+
+
+def _waypoints_feedback(told: act.ActionFeedback) -> Response:
+    return {"current_waypoint": told.current_waypoint or 0}
+
+
+def _spin_feedback(told: act.ActionFeedback) -> Response:
+    return {"angular_distance_traveled": told.angular_distance_traveled_rad or 0.0}
+
+
+def _straight_feedback(told: act.ActionFeedback) -> Response:
+    return {"distance_traveled": told.distance_traveled_m or 0.0}
+
+
+def _wait_feedback(told: act.ActionFeedback) -> Response:
+    return {"time_left": duration_values(told.time_left_s or 0.0)}
+
+
+def _assisted_feedback(told: act.ActionFeedback) -> Response:
+    return {"current_teleop_duration": duration_values(told.navigation_time_s)}
+
+
+_DOCKING_STATES: Final = (
+    "none", "nav_to_staging_pose", "initial_perception", "controlling", "wait_for_charge", "retry",
+)  # fmt: skip
+
+
+def _dock_feedback(told: act.ActionFeedback) -> Response:
+    return {
+        "state": _DOCKING_STATES.index(told.docking_state or "none"),
+        "docking_time": duration_values(told.navigation_time_s),
+        "num_retries": told.num_retries or 0,
+    }
+
+
+def _no_feedback(_: act.ActionFeedback) -> Response:
+    return {}
+
+
+def _task_result(ended: act.ActionResult, _: Any) -> dict[str, Any]:
+    return {"error_code": ended.error_code, "error_msg": ended.error_msg}
+
+
+def _behavior_result(ended: act.ActionResult, goal: Any) -> Response:
+    elapsed = duration_values(max(ended.end_time_s - ended.start_time_s, 0.0))
+    return {**_task_result(ended, goal), "total_elapsed_time": elapsed}
+
+
+def _undock_result(ended: act.ActionResult, goal: Any) -> dict[str, Any]:
+    return {**_task_result(ended, goal), "success": ended.status == "succeeded"}
+
+
+def _dock_result(ended: act.ActionResult, goal: Any) -> Response:
+    return {**_undock_result(ended, goal), "num_retries": ended.num_retries}
+
+
+_WAYPOINT_STATUS: Final = {"pending": 0, "completed": 1, "skipped": 2, "failed": 3}
+
+
+def _waypoints_result(ended: act.ActionResult, goal: Any) -> Response:
+    """Each missed waypoint with the names of MissedWaypoint, and since Kilted of WaypointStatus."""
+    missed = []
+    for one in ended.waypoints:
+        pose = goal.poses[one.index] if 0 <= one.index < len(goal.poses) else {}
+        missed.append(
+            {
+                "index": one.index,
+                "goal": pose,
+                "waypoint_status": _WAYPOINT_STATUS[one.status],
+                "waypoint_index": one.index,
+                "waypoint_pose": pose,
+                "error_code": one.error_code,
+                "error_msg": one.error_msg,
+            }
+        )
+    return {**_task_result(ended, goal), "missed_waypoints": Versioned(missed)}
+
+
+_Feedback = Callable[[act.ActionFeedback], Response]
+_Result = Callable[[act.ActionResult, Any], Response]
+
+
+def _row(
+    name: str,
+    kind: str,
+    goal: Callable[[Any], act.ActionGoal],
+    feedback: _Feedback,
+    result: _Result,
+    about: str,
+) -> Action:
+    return Action(
+        name, f"nav2_msgs/action/{kind}", "navigation", _sent(goal), feedback, result, _accepted,
+        about,
+    )  # fmt: skip
+
+
+ACTIONS: Final[tuple[Action, ...]] = (
+    _row(
+        "/navigate_to_pose", "NavigateToPose", _to_pose, _task_feedback, _task_result,
+        "drive to a pose",
+    ),
+    _row(
+        "/navigate_through_poses", "NavigateThroughPoses", _through_poses, _through_feedback,
+        _task_result, "drive through poses to the last one",
+    ),
+    _row(
+        "/follow_waypoints", "FollowWaypoints", _waypoints, _waypoints_feedback,
+        _waypoints_result, "drive to each pose and stop there",
+    ),
+    _row("/spin", "Spin", _spin, _spin_feedback, _behavior_result, "turn on the spot"),
+    _row("/backup", "BackUp", _back_up, _straight_feedback, _behavior_result, "drive back"),
+    _row(
+        "/drive_on_heading", "DriveOnHeading", _on_heading, _straight_feedback, _behavior_result,
+        "drive straight",
+    ),
+    _row("/wait", "Wait", _wait, _wait_feedback, _behavior_result, "stand still"),
+    _row(
+        "/assisted_teleop", "AssistedTeleop", _assisted, _assisted_feedback, _behavior_result,
+        "follow `/cmd_vel_teleop`, slowed before obstacles",
+    ),
+    _row(
+        "/dock_robot", "DockRobot", _dock, _dock_feedback, _dock_result,
+        "dock at a marker, by the dock's name or pose",
+    ),
+    _row(
+        "/undock_robot", "UndockRobot", _undock, _no_feedback, _undock_result,
+        "leave the dock for its staging pose",
+    ),
+    Action(
+        "/compute_path_to_pose", "nav2_msgs/action/ComputePathToPose", "navigation", _compute,
+        _no_feedback, _task_result, _computed, "compute a path without driving it",
+    ),
+)  # fmt: skip
+
+
+def actions_of(node: str) -> list[Action]:
+    """The actions that a node runs."""
+    return [action for action in ACTIONS if action.owner == node]

@@ -1,0 +1,297 @@
+"""simulation_interfaces: the simulator's services, by the queries of physics and the spawner."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Generator, Sequence
+from typing import Any, Final
+
+from pydantic import TypeAdapter, ValidationError
+
+from mazebot.common.config import one_line
+from mazebot.common.maths.frames import MAP_FRAME
+from mazebot.common.messages import documents as doc
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages.topics import (
+    DELETE_ENTITY,
+    GET_ENTITIES,
+    SET_ENTITY_STATE,
+    SIMULATION_CONTROL,
+    SPAWN_ENTITY,
+    Query,
+)
+from mazebot.common.node.node import Node
+from mazebot.common.ros.call import Response, Service, Steps, answered
+
+FEATURE_UNSUPPORTED, OK, NOT_FOUND, INCORRECT_STATE, OPERATION_FAILED = range(5)
+NAME_NOT_UNIQUE, NAME_INVALID, UNSUPPORTED_FORMAT, NO_RESOURCE = 101, 102, 103, 104
+NAMESPACE_UNSUPPORTED, PARSE_ERROR, INVALID_POSE = 105, 106, 109
+ALREADY_IN_TARGET_STATE = 101
+_STATES = {0: "STOPPED", 1: "PLAYING", 2: "PAUSED", 3: "QUITTING"}
+_PLAYING, _PAUSED, _NO_WORLD = 1, 2, 4
+_RESETS = {0: "all", 3: "all", 255: "all", 1: "time"}
+"""By the bits of the scope: 1 time, 2 state, 4 what was spawned; 0 is 255, all."""
+_FEATURES: Final = {
+    "SPAWNING": 0, "DELETING": 1, "ENTITY_STATE_GETTING": 10, "ENTITY_STATE_SETTING": 11,
+    "SIMULATION_RESET": 20, "SIMULATION_RESET_TIME": 21, "SIMULATION_STATE_GETTING": 24,
+    "SIMULATION_STATE_SETTING": 25, "SIMULATION_STATE_PAUSE": 26, "STEP_SIMULATION_SINGLE": 31,
+    "STEP_SIMULATION_MULTIPLE": 32,
+}  # fmt: skip
+_WORLD_FRAMES = ("", "world", MAP_FRAME)
+_MOST_STEPS = 10_000_000
+_PLAIN_FILTER = re.compile(r"[\w .|^$*/-]*")
+_MOST_STARS = 2
+_ENTITY: TypeAdapter[doc.Entity] = TypeAdapter(doc.Entity)
+
+
+def _result(code: int = OK, error: str = "") -> Response:
+    return {"result": {"result": code, "error_message": error}}
+
+
+def _of_error(error: str, code: int = OPERATION_FAILED) -> Response:
+    return _result(code, error) if error else _result()
+
+
+def _features(_: Any, __: Node) -> Response:
+    info = "SpawnEntity: resource_string is an entity of /spawn_entity in JSON"
+    return {
+        "features": {
+            "features": sorted(_FEATURES.values()),
+            "spawn_formats": ["mazebot_json"],
+            "custom_info": info,
+        }
+    }
+
+
+def _state_of(stats: doc.SimulationStats | None) -> int:
+    if stats is None:
+        return _NO_WORLD
+    return _PAUSED if stats.paused else _PLAYING
+
+
+def _get_state(_: Any, __: Node) -> Steps:
+    reply = yield SIMULATION_CONTROL, doc.SimulationControl()
+    return {"state": {"state": _state_of(reply.stats)}, **_result()}
+
+
+def _set_state(request: Any, _: Node) -> Steps:
+    wanted = request.state.state
+    if wanted not in (_PLAYING, _PAUSED):
+        name = _STATES.get(wanted, str(wanted))
+        return _result(FEATURE_UNSUPPORTED, f"state: {name}: must be PLAYING or PAUSED")
+    reply = yield SIMULATION_CONTROL, doc.SimulationControl()
+    now = _state_of(reply.stats)
+    if now == _NO_WORLD:
+        return _result(INCORRECT_STATE, "no world is loaded yet")
+    if now == wanted:
+        return _result(ALREADY_IN_TARGET_STATE, f"the simulation is {_STATES[now]} already")
+    reply = yield SIMULATION_CONTROL, doc.SimulationControl(pause=wanted == _PAUSED)
+    return _of_error(reply.error)
+
+
+def _reset(request: Any, _: Node) -> Steps:
+    scope = _RESETS.get(request.scope)
+    if scope is None:
+        return _result(
+            FEATURE_UNSUPPORTED,
+            f"scope: {request.scope}: must be SCOPE_ALL, SCOPE_TIME or both time and state: what "
+            "was spawned is kept",
+        )
+    control = doc.SimulationControl.model_validate({"reset": scope})
+    reply = yield SIMULATION_CONTROL, control
+    return _of_error(reply.error)
+
+
+def _step(request: Any, _: Node) -> Steps:
+    if not 1 <= request.steps <= _MOST_STEPS:
+        return _result(OPERATION_FAILED, f"steps: {request.steps}: must be 1 .. {_MOST_STEPS}")
+    reply = yield SIMULATION_CONTROL, doc.SimulationControl()
+    if _state_of(reply.stats) != _PAUSED:
+        return _result(OPERATION_FAILED, "the simulation must be PAUSED")
+    reply = yield SIMULATION_CONTROL, doc.SimulationControl(step=int(request.steps))
+    return _of_error(reply.error)
+
+
+def _pose(position_m: Sequence[float], orientation_xyzw: Sequence[float]) -> dict[str, Any]:
+    return {
+        "position": dict(zip("xyz", map(float, position_m), strict=True)),
+        "orientation": dict(zip("xyzw", map(float, orientation_xyzw), strict=True)),
+    }
+
+
+def _placed(pose: msg.Pose) -> dict[str, Any]:
+    """The fields of an entity's document that say where it is."""
+    at, turn = pose.position, pose.orientation
+    return {
+        "position_m": (at.x, at.y, at.z),
+        "orientation_xyzw": (turn.x, turn.y, turn.z, turn.w),
+    }
+
+
+def _names() -> Generator[tuple[Query[Any, Any], Any], Any, set[str]]:
+    """The names of all entities."""
+    found = yield GET_ENTITIES, doc.GetEntities()
+    return {one.name for one in found.entities}
+
+
+def _entity_state(entity: doc.Entity) -> dict[str, Any]:
+    """Its pose; how fast it moves is not known."""
+    pose = _pose(entity.position_m, entity.orientation_xyzw)
+    return {"header": {"frame_id": MAP_FRAME}, "pose": pose}
+
+
+def _unfiltered(filters: Any) -> str:
+    """Why a filter is not supported; empty: it is. A name's pattern is one that takes no longer
+    than its length times the name's: without groups, and with few stars.
+    """
+    if filters.categories or filters.tags.tags or filters.bounds.points:
+        return "filters: only `filter`, by names, is supported"
+    pattern = filters.filter
+    if not _PLAIN_FILTER.fullmatch(pattern) or pattern.count("*") > _MOST_STARS:
+        return (
+            f"filters.filter: {pattern!r:.80}: must consist of letters, digits, |, ^, $, . and at "
+            f"most {_MOST_STARS} *"
+        )
+    try:
+        re.compile(pattern)
+    except re.error as error:
+        return f"filters.filter: {pattern!r:.80}: {error}"
+    return ""
+
+
+def _filtered(request: Any, _: Node) -> Steps:
+    problem = _unfiltered(request.filters)
+    if problem:
+        return _result(FEATURE_UNSUPPORTED, problem)
+    found = yield GET_ENTITIES, doc.GetEntities()
+    pattern = re.compile(request.filters.filter)
+    entities = [one for one in found.entities if pattern.search(one.name)]
+    return {"found": entities, **_result()}
+
+
+def _get_entities(request: Any, node: Node) -> Steps:
+    response = dict((yield from _filtered(request, node)))
+    response["entities"] = [one.name for one in response.pop("found", ())]
+    return response
+
+
+def _get_entities_states(request: Any, node: Node) -> Steps:
+    response = dict((yield from _filtered(request, node)))
+    found = response.pop("found", ())
+    response["entities"] = [one.name for one in found]
+    response["states"] = [_entity_state(one) for one in found]
+    return response
+
+
+def _get_entity_state(request: Any, _: Node) -> Steps:
+    found = yield GET_ENTITIES, doc.GetEntities()
+    for entity in found.entities:
+        if entity.name == request.entity:
+            return {"state": _entity_state(entity), **_result()}
+    return _missing(request.entity)
+
+
+def _missing(name: str) -> Response:
+    return _result(NOT_FOUND, f"entity: {name!r:.80}: no such entity")
+
+
+def _set_entity_state(request: Any, _: Node) -> Steps:
+    state = request.state
+    if state.header.frame_id not in _WORLD_FRAMES:
+        return _result(
+            INVALID_POSE, f"state.header.frame_id: {state.header.frame_id!r:.40}: must be map"
+        )
+    parts = (state.twist.linear, state.twist.angular)
+    if any((part.x, part.y, part.z) != (0.0, 0.0, 0.0) for part in parts):
+        return _result(FEATURE_UNSUPPORTED, "state.twist: must be zero: only the pose can be set")
+    if request.entity not in (yield from _names()):
+        return _missing(request.entity)
+    wanted = doc.SetEntityState(name=request.entity, **_placed(state.pose))
+    reply = yield SET_ENTITY_STATE, wanted
+    return _of_error(reply.error, INVALID_POSE)
+
+
+def _delete(request: Any, _: Node) -> Steps:
+    if request.entity not in (yield from _names()):
+        return _missing(request.entity)
+    reply = yield DELETE_ENTITY, doc.DeleteEntity(name=request.entity)
+    return _of_error(reply.error)
+
+
+def _spawn(request: Any, _: Node) -> Steps:
+    """Both forms of the request: that of 1.x, and that of 2.x with a Resource."""
+    resource = getattr(request, "entity_resource", request)
+    if resource.uri:
+        return _result(
+            UNSUPPORTED_FORMAT, f"uri: {resource.uri!r:.80}: must be empty: give resource_string"
+        )
+    if not resource.resource_string:
+        return _result(NO_RESOURCE, "resource_string: must be an entity of /spawn_entity in JSON")
+    if request.entity_namespace:
+        return _result(NAMESPACE_UNSUPPORTED, "entity_namespace: must be empty")
+    frame = request.initial_pose.header.frame_id
+    if frame not in _WORLD_FRAMES:
+        return _result(INVALID_POSE, f"initial_pose.header.frame_id: {frame!r:.40}: must be map")
+    try:
+        entity = _ENTITY.validate_json(resource.resource_string)
+        changes = _placed(request.initial_pose.pose)
+        if request.name:
+            changes["name"] = request.name
+        wanted = doc.SpawnEntity(
+            entity=entity.model_copy(update=changes), allow_renaming=request.allow_renaming
+        )
+    except ValidationError as error:
+        return _result(PARSE_ERROR, f"resource_string: {one_line(error)}")
+    if not request.allow_renaming and wanted.entity.name in (yield from _names()):
+        return _result(NAME_NOT_UNIQUE, f"name: {wanted.entity.name!r:.80}: is in use")
+    reply = yield SPAWN_ENTITY, wanted
+    if reply.error:
+        return _result(OPERATION_FAILED, reply.error)
+    return {"entity_name": reply.name, **_result()}
+
+
+def _service(name: str, kind: str, owner: str, handle: Any, about: str) -> Service:
+    return Service(name, f"simulation_interfaces/srv/{kind}", owner, handle, about)
+
+
+SIMULATION_SERVICES: Final = (
+    _service(
+        "/get_simulator_features", "GetSimulatorFeatures", "physics", answered(_features),
+        "what of simulation_interfaces there is",
+    ),
+    _service(
+        "/get_simulation_state", "GetSimulationState", "physics", _get_state,
+        "whether the simulation is playing or paused",
+    ),
+    _service(
+        "/set_simulation_state", "SetSimulationState", "physics", _set_state, "play or pause"
+    ),
+    _service(
+        "/reset_simulation", "ResetSimulation", "physics", _reset,
+        "back to time 0, with everything or only the clock; what was spawned is kept",
+    ),
+    _service(
+        "/step_simulation", "StepSimulation", "physics", _step,
+        "advance the paused simulation by some steps",
+    ),
+    _service(
+        "/spawn_entity", "SpawnEntity", "spawner", _spawn,
+        "spawn an entity, given in the JSON of the query `/spawn_entity`",
+    ),
+    _service("/delete_entity", "DeleteEntity", "spawner", _delete, "delete an entity"),
+    _service(
+        "/get_entities", "GetEntities", "spawner", _get_entities, "the names of the entities"
+    ),
+    _service(
+        "/get_entities_states", "GetEntitiesStates", "spawner", _get_entities_states,
+        "the names and poses of the entities",
+    ),
+    _service(
+        "/get_entity_state", "GetEntityState", "spawner", _get_entity_state,
+        "the pose of an entity",
+    ),
+    _service(
+        "/set_entity_state", "SetEntityState", "spawner", _set_entity_state,
+        "move an entity to a pose",
+    ),
+)  # fmt: skip

@@ -1,0 +1,163 @@
+"""simulation_interfaces, beside the queries that answer it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import pytest
+
+from mazebot.common.config import ServiceConfig
+from mazebot.common.messages import documents as doc
+from mazebot.common.messages.topics import Query
+from mazebot.common.node.node import Inbox, Node, Outbox
+from mazebot.common.ros import simulation as sim
+from mazebot.common.ros.interfaces import interfaces
+from mazebot.common.ros.table import ROS_SERVICES, services_of
+
+BOX = {
+    "name": "box", "kind": "body", "position_m": [0, 0, 0],
+    "shapes": [{"name": "box", "geometry": {"kind": "box", "size_m": [0.2, 0.2, 0.2]}}],
+}  # fmt: skip
+BODY = doc.BodyEntity.model_validate({**BOX, "name": "crate_1", "position_m": [1, 2, 0.1]})
+OTHER = BODY.model_copy(update={"name": "crate_2"})
+
+
+class Idle(Node):
+    name = "spawner"
+    _config = ServiceConfig()
+
+    def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
+        pass
+
+
+class Spawner:
+    """Answers the queries, and keeps them."""
+
+    def __init__(self, error: str = "") -> None:
+        self.asked: list[Any] = []
+        self._error = error
+
+    def __call__(self, query: Query[Any, Any], document: Any) -> Any:
+        assert isinstance(document, query.request)
+        self.asked.append(document)
+        if query.response is doc.Entities:
+            return doc.Entities(world_hash="", entities=(BODY, OTHER))
+        return doc.EntityReply(error=self._error, name="box_1")
+
+
+def answer(
+    name: str,
+    values: Mapping[str, Any],
+    reply: Callable[[Query[Any, Any], Any], Any],
+    distro: str = "jazzy",
+) -> Any:
+    """The response, over its bytes."""
+    types = interfaces(distro)
+    (service,) = (one for one in ROS_SERVICES if one.name == name)
+    data = types.encode(f"{service.type}_Request", values)
+    steps = service.handle(types.decode(f"{service.type}_Request", data), Idle())
+    answered: Any = None
+    while True:
+        try:
+            answered = reply(*steps.send(answered))
+        except StopIteration as end:
+            made = types.encode(f"{service.type}_Response", end.value)
+            return types.read(f"{service.type}_Response", made)
+
+
+@pytest.mark.parametrize("distro", ["jazzy", "lyrical"])
+def test_an_entity_is_spawned_by_both_forms_of_the_request(distro: str) -> None:
+    resource = {"resource_string": json.dumps(BOX)}
+    form = {"entity_resource": resource} if distro == "lyrical" else resource
+    pose = {"position": {"x": 0.5, "y": -0.9}, "orientation": {"z": 1.0}}
+    values = {"name": "crate", "initial_pose": {"pose": pose}, "allow_renaming": True, **form}
+    spawner = Spawner()
+    response = answer("/spawn_entity", values, spawner, distro)
+    assert (response.result.result, response.entity_name) == (sim.OK, "box_1")
+    (wanted,) = spawner.asked
+    assert (wanted.entity.name, wanted.allow_renaming) == ("crate", True)
+    assert wanted.entity.position_m == (0.5, -0.9, 0.0)
+    assert wanted.entity.orientation_xyzw == (0.0, 0.0, 1.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("values", "code", "text"),
+    [
+        ({"uri": "file:///box.sdf"}, sim.UNSUPPORTED_FORMAT, "uri"),
+        ({}, sim.NO_RESOURCE, "resource_string"),
+        ({"resource_string": "<sdf/>"}, sim.PARSE_ERROR, "resource_string"),
+        ({"resource_string": '{"kind": "body"}'}, sim.PARSE_ERROR, "Field required"),
+        (
+            {"resource_string": json.dumps(BOX), "entity_namespace": "a"},
+            sim.NAMESPACE_UNSUPPORTED, "entity_namespace",
+        ),
+        (
+            {"resource_string": json.dumps(BOX), "name": "crate_1"},
+            sim.NAME_NOT_UNIQUE, "in use",
+        ),
+        (
+            {
+                "resource_string": json.dumps(BOX),
+                "initial_pose": {"header": {"frame_id": "odom"}},
+            },
+            sim.INVALID_POSE, "must be map",
+        ),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_spawned_says_why(values: Mapping[str, Any], code: int, text: str) -> None:
+    spawner = Spawner()
+    response = answer("/spawn_entity", values, spawner)
+    assert response.result.result == code
+    assert text in response.result.error_message
+    assert not any(isinstance(one, doc.SpawnEntity) for one in spawner.asked)
+
+
+def test_entities_are_listed_by_the_pattern_of_their_names() -> None:
+    for pattern, names in (
+        ("", ["crate_1", "crate_2"]), ("_2$", ["crate_2"]), ("^crate", ["crate_1", "crate_2"]),
+        ("1|x", ["crate_1"]), ("none", []),
+    ):  # fmt: skip
+        response = answer("/get_entities", {"filters": {"filter": pattern}}, Spawner())
+        assert (response.result.result, response.entities) == (sim.OK, names)
+    states = answer("/get_entities_states", {}, Spawner())
+    assert [one.pose.position.x for one in states.states] == [1.0, 1.0]
+    assert states.states[0].header.frame_id == "map"
+
+
+@pytest.mark.parametrize(
+    "filters",
+    [
+        {"filter": "(a+)+$"}, {"filter": "a*b*c*"}, {"filter": "*"}, {"tags": {"tags": ["x"]}},
+        {"categories": [{"category": 1}]}, {"bounds": {"points": [{"x": 1.0}]}},
+    ],
+)  # fmt: skip
+def test_a_filter_that_could_take_forever_is_not_supported(filters: Mapping[str, Any]) -> None:
+    spawner = Spawner()
+    response = answer("/get_entities", {"filters": filters}, spawner)
+    assert response.result.result == sim.FEATURE_UNSUPPORTED
+    assert not spawner.asked
+
+
+def test_an_entity_has_a_state_that_can_be_set() -> None:
+    spawner = Spawner()
+    assert answer("/get_entity_state", {"entity": "crate_1"}, spawner).state.pose.position.y == 2.0
+    state = {"header": {"frame_id": "world"}, "pose": {"position": {"x": 3.0}}}
+    values = {"entity": "crate_1", "state": state}
+    assert answer("/set_entity_state", values, spawner).result.result == sim.OK
+    assert spawner.asked[-1].position_m == (3.0, 0.0, 0.0)
+    moving = {"entity": "crate_1", "state": {**state, "twist": {"linear": {"x": 1.0}}}}
+    response = answer("/set_entity_state", moving, spawner)
+    assert response.result.result == sim.FEATURE_UNSUPPORTED
+    for name in ("/get_entity_state", "/set_entity_state", "/delete_entity"):
+        assert answer(name, {"entity": "none"}, spawner).result.result == sim.NOT_FOUND
+    response = answer("/delete_entity", {"entity": "crate_1"}, Spawner("it is bolted down"))
+    assert response.result.result == sim.OPERATION_FAILED
+    assert response.result.error_message == "it is bolted down"
+
+
+def test_a_service_has_one_node_and_one_name() -> None:
+    names = [service.name for service in ROS_SERVICES]
+    assert len({*names}) == len(names)
+    assert {one.name for one in services_of("spawner")} > {"/spawn_entity", "/spawner/get_state"}

@@ -1,0 +1,100 @@
+"""The scan of a depth image: things on the floor are told from the floor, from what is above the
+robot and from noise.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from mazebot.common.maths.frames import LINK_FROM_OPTICAL, Array, transform_matrix
+from mazebot.perception.depth_scan import Depths, DepthScan, DepthScanParams, depth_scan
+
+WIDTH, HEIGHT, FOCAL_PX = 640, 480, 554.4
+CAMERA_M = 0.117
+INTRINSICS = np.array([[FOCAL_PX, 0.0, WIDTH / 2], [0.0, FOCAL_PX, HEIGHT / 2], [0.0, 0.0, 1.0]])
+PARAMS = DepthScanParams(beams=40, min_points=3)
+FLOOR_FROM_M = CAMERA_M * FOCAL_PX / (HEIGHT - 1 - HEIGHT / 2)
+
+
+def camera(pitch_rad: float = 0.0) -> Array:
+    """Pose of the camera; a positive pitch looks down."""
+    c, s = math.cos(pitch_rad), math.sin(pitch_rad)
+    turned = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+    return transform_matrix(turned, (0.07, 0.0, CAMERA_M)) @ LINK_FROM_OPTICAL
+
+
+def picture(*boxes: tuple[float, float, float, float], pitch_rad: float = 0.0) -> Depths:
+    """Depths of a floor with upright boards that face the camera: distance ahead of it, height of
+    the lower and of the upper edge, half width.
+    """
+    pose = camera(pitch_rad)
+    u, v = np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT))
+    rays = np.stack([(u - WIDTH / 2) / FOCAL_PX, (v - HEIGHT / 2) / FOCAL_PX, np.ones(u.shape)], -1)
+    x, y, z = np.moveaxis(rays @ pose[:3, :3].T, -1, 0)
+    with np.errstate(divide="ignore"):
+        depth = np.where(z < 0.0, CAMERA_M / -z, np.inf)
+    for ahead_m, low_m, high_m, half_m in boxes:
+        at = ahead_m / x
+        up = CAMERA_M + at * z
+        hit = (up >= low_m) & (up <= high_m) & (np.abs(at * y) <= half_m) & (at < depth)
+        depth = np.where(hit, at, depth)
+    return np.where(depth < 10.0, depth, 0.0).astype(np.float32)
+
+
+def scanned(image: Depths, pitch_rad: float = 0.0, params: DepthScanParams = PARAMS) -> DepthScan:
+    scan = depth_scan(image, INTRINSICS, camera(pitch_rad), 0.0, params)
+    assert scan is not None
+    return scan
+
+
+def test_bare_floor_is_free_from_where_the_camera_sees_it() -> None:
+    scan = scanned(picture())
+    assert np.isposinf(scan.ranges_m).all()
+    assert scan.range_min_m == pytest.approx(FLOOR_FROM_M, rel=0.02)
+    assert scan.angle_min_rad == pytest.approx(-math.atan(320 / FOCAL_PX), abs=0.02)
+
+
+@pytest.mark.parametrize(("low_m", "high_m"), [(0.0, 0.03), (0.0, 0.1), (0.14, 0.17), (0.0, 1.0)])
+def test_sills_boxes_table_tops_and_walls_are_seen(low_m: float, high_m: float) -> None:
+    scan = scanned(picture((1.0, low_m, high_m, 0.2)))
+    angles = scan.angle_min_rad + scan.angle_increment_rad * np.arange(len(scan.ranges_m))
+    inside = np.abs(np.tan(angles)) < 0.18
+    assert scan.ranges_m[inside] == pytest.approx(1.0 / np.cos(angles[inside]), abs=0.02)
+    assert np.isposinf(scan.ranges_m[np.abs(np.tan(angles)) > 0.23]).all()
+
+
+def test_what_is_above_the_robot_is_passed() -> None:
+    assert np.isposinf(scanned(picture((1.0, 0.25, 0.6, 0.3))).ranges_m).all()
+
+
+@pytest.mark.parametrize("pitch_rad", [-0.006, 0.006])
+def test_a_slightly_tilted_camera_sees_no_things_in_the_floor(pitch_rad: float) -> None:
+    assert np.isposinf(scanned(picture(pitch_rad=pitch_rad), 0.0).ranges_m).all()
+
+
+def test_a_camera_that_looks_down_is_taken_as_it_is() -> None:
+    scan = scanned(picture((1.0, 0.0, 0.1, 0.2), pitch_rad=0.3), 0.3)
+    assert scan.ranges_m[len(scan.ranges_m) // 2] == pytest.approx(1.0, abs=0.02)
+
+
+def test_a_few_pixels_are_noise() -> None:
+    image = picture()
+    image[300, 320:324] = 0.5
+    assert np.isposinf(scanned(image).ranges_m).all()
+
+
+def test_what_the_camera_does_not_measure_is_not_free() -> None:
+    image = picture()
+    image[:, :160] = 0.0
+    image[:, 160:200] = np.nan
+    scan = scanned(image)
+    # The image's left side is where angles are largest.
+    assert np.isneginf(scan.ranges_m[-10:]).all()
+    assert np.isposinf(scan.ranges_m[:20]).all()
+
+
+def test_a_camera_that_looks_up_makes_no_scan() -> None:
+    assert depth_scan(picture(), INTRINSICS, camera(-0.6), 0.0, PARAMS) is None
