@@ -180,6 +180,16 @@ def test_what_a_stranger_has_latched_is_not_kept(monkeypatch: pytest.MonkeyPatch
     assert not inbox.forget_strangers()
 
 
+def test_who_has_asked_twice_is_woken_though_both_answers_come_at_once() -> None:
+    inbox = Inbox(named("physics"))
+    inbox.is_handed_over = False
+    inbox.hand_over()
+    inbox.hand_over()
+    assert inbox.is_handed_over
+    assert inbox.wakes()
+    assert not inbox.wakes()
+
+
 def test_who_has_nothing_to_get_back_does_not_wait(endpoint: str) -> None:
     with process("physics", endpoint) as first:
         first.inbox.is_handed_over = False

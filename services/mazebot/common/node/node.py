@@ -325,7 +325,8 @@ class Inbox:
     def hand_over(self) -> None:
         """What others keep for this node has been delivered."""
         with self._lock:
-            self._calls_once = not self.is_handed_over
+            # Who asks twice is told twice, perhaps before the node has come to the first.
+            self._calls_once |= not self.is_handed_over
             self.may_wake |= self._calls_once
             self.is_handed_over = self.has_news = True
         self._on_delivery()
