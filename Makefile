@@ -119,7 +119,7 @@ test-slow: $(STAMP) ## run the long tests: every world driven, two hundred mazes
 # The tests of containers build the image, while another worker runs those of the browser.
 test-compose: $(STAMP) ## run the tests of the containers (Docker) and of the viewer (Chromium)
 	@.venv/bin/pytest -n 2 --dist loadfile -m "(compose or browser) and not timed" --timeout 900 tests/compose tests/browser
-	@.venv/bin/pytest -n 2 --dist loadfile -m timed --timeout 900 tests/compose
+	@.venv/bin/pytest -n 0 -m timed --timeout 900 tests/compose
 
 test-ros2: $(STAMP) .venv-ros2/.installed ## run the tests against what others wrote for ROS 2: clients, type hashes
 	@.venv/bin/pytest -n 2 --dist loadfile -m ros2

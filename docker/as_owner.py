@@ -1,12 +1,13 @@
 """Runs a command as the user who owns the mounted folder, with no capability left.
 
-    as_owner.py REFERENCE FOLDER COMMAND...
+    as_owner.py REFERENCE FOLDER[:FOLDER...] COMMAND...
 
 The container that writes recordings cannot know, before it starts, which user has cloned the
 repository: Docker may be run by root or by any member of the group `docker`. So it starts as root,
 with the capabilities CHOWN, SETGID and SETUID only, reads the owner of a file of the clone
-(REFERENCE), gives FOLDER to that owner if Docker had to create it (then root owns it), and switches
-to the owner permanently before any code of the service is loaded. If the owner is root, the
+(REFERENCE), gives each FOLDER (a pattern such as `/handout/*` stands for all that it matches) to
+that owner if Docker had to create it (then root owns it), and switches to the owner permanently
+before any code of the service is loaded. If the owner is root, the
 capabilities are dropped too, and `no-new-privileges` keeps them from being regained.
 """
 
@@ -24,13 +25,17 @@ _CAPABILITY_VERSION_3 = 0x20080522
 def main(arguments: list[str]) -> NoReturn:
     """Switch to the owner, then execute the command."""
     if len(arguments) < 3:
-        _fail("usage: as_owner.py REFERENCE FOLDER COMMAND...")
-    reference, folder, command = Path(arguments[0]), Path(arguments[1]), arguments[2:]
+        _fail("usage: as_owner.py REFERENCE FOLDER[:FOLDER...] COMMAND...")
+    reference, patterns, command = Path(arguments[0]), arguments[1].split(":"), arguments[2:]
     try:
         if os.geteuid() == 0:
             owner = reference.stat()
-            if folder.stat().st_uid != owner.st_uid and folder.stat().st_uid == 0:
-                os.chown(folder, owner.st_uid, owner.st_gid)
+            for pattern in patterns:
+                # A folder that is not there is told with its name.
+                found = sorted(Path("/").glob(pattern.lstrip("/")))
+                for folder in found or [Path(pattern)]:
+                    if folder.stat().st_uid == 0:
+                        os.chown(folder, owner.st_uid, owner.st_gid)
             os.setgroups([])
             os.setresgid(owner.st_gid, owner.st_gid, owner.st_gid)
             os.setresuid(owner.st_uid, owner.st_uid, owner.st_uid)

@@ -15,6 +15,7 @@ from mazebot.common.bus.bus import Bus
 from mazebot.common.bus.config import BusConfig
 from mazebot.common.bus.session import open_session
 from mazebot.common.config import ServiceConfig
+from mazebot.common.files.key_file import Key
 from mazebot.common.messages.keys import RELIABLE_QOS, Keys, Kind
 from mazebot.common.messages.topics import SERVICES
 from mazebot.common.messages.type_hash import hash_of
@@ -61,6 +62,17 @@ def test_a_stack_in_order_has_nothing_wrong(bus: dict[str, Any]) -> None:
         "ZENOH_CONFIG_OVERRIDE": 'connect/endpoints=["tcp/127.0.0.1:7447"]',
         "ROS_DOMAIN_ID": str(config.domain_id),
     }
+
+
+def test_where_the_router_asks_for_a_key_ros_2_signs_in_with_it_as_a_client() -> None:
+    key = Key("operator", "operator", "x" * 43)
+    keyless = {**RIGHT, "ZENOH_CONFIG_OVERRIDE": 'connect/endpoints=["tcp/127.0.0.1:7447"]'}
+    found = diagnose(BusConfig(), keyless, stack(HERE), key)
+    override = found.exports["ZENOH_CONFIG_OVERRIDE"]
+    for part in ('mode="client"', 'usrpwd/user="operator"', f'usrpwd/password="{"x" * 43}"'):
+        assert part in override
+    assert any("transport/auth/usrpwd/user" in line for line in found.wrong)
+    assert not diagnose(BusConfig(), found.exports, stack(HERE), key).wrong
 
 
 POSE = "geometry_msgs/msg/PoseStamped"

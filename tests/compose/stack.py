@@ -206,7 +206,8 @@ def stack_of(uid: int, settings: dict[str, str] | None = None) -> Iterator[Stack
     folder = Path(tempfile.mkdtemp(prefix="mazebot-test-"))
     folder.chmod(0o755)
     project = folder.name.lower().replace("_", "-")
-    for name in (".env", "docker-compose.yaml"):
+    (folder / "docker").mkdir()
+    for name in (".env", "docker-compose.yaml", "docker/keys.yaml"):
         shutil.copy(ROOT / name, folder / name)
     shutil.copytree(ROOT / "worlds", folder / "worlds")
     (folder / "recordings").mkdir()

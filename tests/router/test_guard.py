@@ -16,7 +16,7 @@ import pytest
 from mazebot.bench.parts.loopback_router import free_port, wait_for_router
 from mazebot.common.access.key_store import KeyStore
 from mazebot.common.bus.config import BusConfig
-from mazebot.common.bus.session import BusUnavailableError, open_session
+from mazebot.common.bus.session import BusUnavailableError, join, open_session
 from mazebot.router.config import RouterConfig
 from mazebot.router.guard import (
     EXIT_NO_RESPONSE,
@@ -218,3 +218,20 @@ def lets_in(endpoint: str, key_file: Path | None) -> bool:
         return False
     session.close()  # type: ignore[no-untyped-call]
     return True
+
+
+def test_a_tool_signs_in_with_the_key_in_its_folder_only_where_the_router_wants_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = KeyStore(tmp_path / "keys")
+    store.complete()
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    for keys_dir, name in ((store.folder, "operator"), (None, None)):
+        router = Router(RouterConfig(listen="tcp/127.0.0.1:0", keys_dir=keys_dir))
+        try:
+            session, key = join(BusConfig(connect=router.endpoint))
+            assert (key and key.name) == name
+            session.close()  # type: ignore[no-untyped-call]
+        finally:
+            router.close()

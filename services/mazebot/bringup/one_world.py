@@ -28,7 +28,7 @@ time.
 def world_runs(config: BusConfig) -> bool:
     """Whether a world is loaded already. In lockstep no service replies before bringup runs."""
     try:
-        session = join(config)
+        session, _ = join(config)
     except BusUnavailableError:
         return False
     received = threading.Event()

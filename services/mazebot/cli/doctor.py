@@ -12,6 +12,7 @@ from mazebot.cli.parsing.options import print_json
 from mazebot.common.bus.config import BusConfig
 from mazebot.common.bus.liveliness import graph_name
 from mazebot.common.client.robot import HOW_TO_START
+from mazebot.common.files.key_file import Key
 from mazebot.common.messages.keys import (
     ALL_TOKENS,
     CLIENT,
@@ -31,6 +32,7 @@ from mazebot.common.ros.table import ROS_SERVICES
 
 RMW = "rmw_zenoh_cpp"
 TIMEOUT_S = 3.0
+_USER, _PASSWORD = "transport/auth/usrpwd/user", "transport/auth/usrpwd/password"
 
 
 @dataclass
@@ -51,7 +53,7 @@ def doctor(config: BusConfig, environment: Mapping[str, str], as_json: bool) -> 
     from mazebot.common.bus.session import BusUnavailableError  # noqa: PLC0415
 
     try:
-        diagnosis = diagnose(config, environment, _tokens(config))
+        diagnosis = diagnose(config, environment, *_look(config))
     except BusUnavailableError as error:
         diagnosis = Diagnosis(exports_for(config), wrong=_wrong_in(environment, config))
         diagnosis.wrong.append(f"{error}: start a stack: {HOW_TO_START}")
@@ -63,38 +65,51 @@ def doctor(config: BusConfig, environment: Mapping[str, str], as_json: bool) -> 
     return 1 if diagnosis.wrong else 0
 
 
-def _tokens(config: BusConfig) -> list[str]:
-    """The tokens of ROS 2's graph in all domains. Raises BusUnavailableError."""
+def _look(config: BusConfig) -> tuple[list[str], Key | None]:
+    """The tokens of ROS 2's graph in all domains, and the key that the router asks for.
+
+    Raises BusUnavailableError.
+    """
     from mazebot.common.bus.session import join  # noqa: PLC0415
 
-    session = join(config)
+    session, key = join(config)
     try:
         replies = session.liveliness().get(ALL_TOKENS, timeout=TIMEOUT_S)
-        return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
+        return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None], key
     finally:
         session.close()  # type: ignore[no-untyped-call]
 
 
-def exports_for(config: BusConfig) -> dict[str, str]:
-    """The environment in which ROS 2 joins the stack."""
+def exports_for(config: BusConfig, key: Key | None = None) -> dict[str, str]:
+    """The environment in which ROS 2 joins the stack, signed in with a key."""
+    override = f'connect/endpoints=["{config.connect}"]'
+    if key is not None:
+        # Two peers would talk past the router and its rules.
+        override += f';mode="client";{_USER}="{key.name}";{_PASSWORD}="{key.password}"'
     return {
         "RMW_IMPLEMENTATION": RMW,
-        "ZENOH_CONFIG_OVERRIDE": f'connect/endpoints=["{config.connect}"]',
+        "ZENOH_CONFIG_OVERRIDE": override,
         "ROS_DOMAIN_ID": str(config.domain_id),
     }
 
 
-def diagnose(config: BusConfig, environment: Mapping[str, str], tokens: Iterable[str]) -> Diagnosis:
+def diagnose(
+    config: BusConfig,
+    environment: Mapping[str, str],
+    tokens: Iterable[str],
+    key: Key | None = None,
+) -> Diagnosis:
     """What is right and wrong.
 
     Args:
         config: the settings of the bus.
         environment: of the shell, in which ROS 2 may be set up.
         tokens: of ROS 2's graph, in any domain.
+        key: with which the router lets tools in, if it asks for one.
     """
-    diagnosis = Diagnosis(exports_for(config))
+    diagnosis = Diagnosis(exports_for(config, key))
     wrong = diagnosis.wrong
-    wrong += _wrong_in(environment, config)
+    wrong += _wrong_in(environment, config, key)
     if not config.keys.is_ros:
         wrong.append("bus.wire: plain: must be rmw_zenoh, in the stack and here")
         return diagnosis
@@ -119,7 +134,9 @@ def diagnose(config: BusConfig, environment: Mapping[str, str], tokens: Iterable
     return diagnosis
 
 
-def _wrong_in(environment: Mapping[str, str], config: BusConfig) -> list[str]:
+def _wrong_in(
+    environment: Mapping[str, str], config: BusConfig, key: Key | None = None
+) -> list[str]:
     wrong = []
     distro, rmw = environment.get("ROS_DISTRO"), environment.get("RMW_IMPLEMENTATION")
     if rmw not in (None, "", RMW) or (not rmw and distro):
@@ -137,6 +154,8 @@ def _wrong_in(environment: Mapping[str, str], config: BusConfig) -> list[str]:
             f"ZENOH_CONFIG_OVERRIDE: {override[:120] or 'not set'}: must have "
             f'connect/endpoints=["{config.connect}"]'
         )
+    elif override and key is not None and _USER not in override:
+        wrong.append(f"ZENOH_CONFIG_OVERRIDE: must have {_USER} and {_PASSWORD}: the router asks")
     domain = environment.get("ROS_DOMAIN_ID") or "0"
     if domain != str(config.domain_id):
         wrong.append(

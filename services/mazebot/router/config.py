@@ -22,6 +22,11 @@ class RouterConfig(ServiceConfig):
         "each may do what its role needs; keys that are missing are made. None: everyone may "
         "connect and do everything",
     )
+    handout_dir: Path | None = Field(
+        None,
+        description="folder in which each service has one of its name, with its key in own.key, as "
+        "in containers; needs keys_dir",
+    )
     ground_truth_for: Literal["operator", "grader"] = Field(
         "operator",
         description="with keys, who may read the ground truth: operator: everyone; grader: of "

@@ -38,7 +38,7 @@ class Router:
         self._config, self._keys = config, keys
         self.endpoint = _with_port(config.listen)
         """What it listens on."""
-        self._lock = None if config.keys_dir is None else Lock(config.keys_dir)
+        self._lock = None if config.keys_dir is None else Lock(config.keys_dir, config.handout_dir)
         self._session, self._token = self._opened()
 
     def _opened(self) -> tuple[zenoh.Session, zenoh.LivelinessToken]:
@@ -91,12 +91,16 @@ class Router:
 class Lock:
     """The keys of a folder, and the rules that go with them."""
 
-    def __init__(self, folder: Path) -> None:
-        """Make the keys that are missing. Raises ConfigError."""
+    def __init__(self, folder: Path, handout: Path | None = None) -> None:
+        """Make the keys that are missing, and hand them out: see KeyStore.hand_out.
+
+        Raises ConfigError.
+        """
         # It loads all tables, which takes long.
         from mazebot.common.access.key_store import KeyStore  # noqa: PLC0415
 
         self._store = KeyStore(folder)
+        self._handout = handout
         self._changed_ns: dict[str, int] = {}
         self.read()
 
@@ -109,6 +113,8 @@ class Lock:
             logging.getLogger("router").info("made %d keys in %s", len(made), self._store.folder)
             self._changed_ns = self._store.changed_ns()
         self._there = self._store.read()
+        if self._handout is not None:
+            self._store.hand_out(self._handout)
 
     def has_changed(self) -> bool:
         """Whether keys have come, gone or changed since they were last read."""

@@ -10,7 +10,13 @@ import pytest
 from mazebot.common.access.grants import PEOPLE, ROUTER
 from mazebot.common.access.key_store import KeyStore
 from mazebot.common.config import ConfigError
-from mazebot.common.files.key_file import KeyFileError, operators_key, read_key
+from mazebot.common.files.key_file import (
+    HANDED_OUT,
+    KeyFileError,
+    operators_key,
+    operators_key_here,
+    read_key,
+)
 from mazebot.common.messages.topics import SERVICES
 
 
@@ -150,3 +156,38 @@ def test_tools_find_the_operators_key_of_a_stack_of_this_user(
     assert operators_key("tcp/127.0.0.1:7501") is None
     # A password is not sent to other machines.
     assert operators_key("tcp/192.0.2.1:7500") is None
+
+
+def test_tools_find_the_operators_key_that_containers_have_left_in_the_clone(
+    store: KeyStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(store.folder.parent)
+    found = operators_key_here("tcp/127.0.0.1:7447")
+    assert found is not None
+    assert read_key(found).role == "operator"
+    assert operators_key_here("tcp/192.0.2.1:7447") is None
+    monkeypatch.chdir(store.folder)
+    assert operators_key_here("tcp/127.0.0.1:7447") is None
+
+
+def test_each_service_is_handed_its_own_key_where_it_has_a_folder(
+    store: KeyStore, tmp_path: Path
+) -> None:
+    handout = tmp_path / "handout"
+    for name in ("physics", "operator", "stranger"):
+        (handout / name).mkdir(parents=True)
+    assert store.hand_out(handout) == ["operator", "physics"]
+    handed = handout / "physics" / HANDED_OUT
+    assert read_key(handed) == store.read()["physics"]
+    # Whoever reaches the folder reads it, whatever the user of its container.
+    assert handed.stat().st_mode & 0o777 == 0o644
+    assert {path.name for path in handout.iterdir()} == {"physics", "operator", "stranger"}
+    assert not any((handout / "stranger").iterdir())
+
+    assert store.hand_out(handout) == []
+    store.rotate(["physics"])
+    assert store.hand_out(handout) == ["physics"]
+    assert read_key(handed) == store.read()["physics"]
+    store.revoke("operator")
+    assert store.hand_out(handout) == ["operator"]
+    assert not (handout / "operator" / HANDED_OUT).exists()

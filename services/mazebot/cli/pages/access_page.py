@@ -34,10 +34,23 @@ do is refused in a line. While a stack runs, keys may be made, revoked and repla
 everyone signs in again, the robot stands for that time, and the services go on where they were. A
 key that is wrong changes nothing, and the router's log names it.
 
+In containers, one more file makes the router ask for keys:
+
+```
+docker compose -f docker-compose.yaml -f docker/keys.yaml up demo-world-enhanced
+export COMPOSE_FILE=docker-compose.yaml:docker/keys.yaml    # for every `docker compose` after it
+```
+
+The keys are then in `./keys`, which belongs to the owner of the clone; `mazebot keys` lists and
+replaces them there. `mazebot` and programs that are started in the clone find the operator's by
+themselves. Each container sees its own key alone, in a volume that it shares with the router; the
+console and Foxglove command as the operator. `GROUND_TRUTH_FOR=grader` makes the exam of below.
+
 A service publishes the topics that the table gives it, and no others; nobody has its name but
-itself. A node of ROS 2 signs in by `ZENOH_CONFIG_OVERRIDE`, with `transport/auth/usrpwd/user` and
-`transport/auth/usrpwd/password` of a key's file. It must be a client (`mode="client"`): two peers
-talk past the router, and past its rules. With a wildcard, such as `**`, nothing is read.
+itself. A node of ROS 2 signs in by `ZENOH_CONFIG_OVERRIDE`, which `mazebot doctor --ros` prints
+with the operator's key. It must be a client (`mode="client"`): two peers talk past the router, and
+past its rules. With a wildcard, such as `**`, nothing is read. An operator commands; Nav2 in place
+of our navigation, or another simulator, publishes what only services may: leave keys out there.
 
 The password crosses the network in the open: keys are for one machine, or a network that you trust.
 The console signs in with one key for all who open its page ([console](console.md)). In lockstep,

@@ -104,7 +104,7 @@ def publish_recording(
     try:
         pace = "lockstep" if lockstep else "real_time"
         config = load(BusConfig, "bus", [], {"connect": endpoint, "pace": pace})
-        session = join(config)
+        session, _ = join(config)
     except BusUnavailableError as error:
         hint = "start one with `docker compose up router`, or python -m mazebot.router"
         raise ConfigError(f"replay: {error}: {hint}") from error

@@ -196,7 +196,7 @@ def _running_on(endpoint: str, key_file: Path | None) -> frozenset[str]:
 
     config = load(BusConfig, "bus", [], {"connect": endpoint, **_given(key_file=key_file)})
     try:
-        session = join(config)
+        session, _ = join(config)
     except BusUnavailableError as error:
         raise ConfigError(f"--connect: {error}: must be the router of a stack that runs") from error
     running = frozenset(alive(session, config.keys))

@@ -12,10 +12,19 @@ from pathlib import Path
 
 from mazebot.common.access.grants import PEOPLE, ROLES, ROUTER
 from mazebot.common.config import ConfigError
-from mazebot.common.files.key_file import NAME, SUFFIX, Key, KeyFileError, file_of, read_key
+from mazebot.common.files.key_file import (
+    HANDED_OUT,
+    NAME,
+    SUFFIX,
+    Key,
+    KeyFileError,
+    file_of,
+    read_key,
+)
 from mazebot.common.messages.topics import SERVICES
 
 _PASSWORD_BYTES = 32
+_READABLE = 0o644
 
 
 class KeyStore:
@@ -108,6 +117,29 @@ class KeyStore:
             self._make(key.name, key.role)
         return [key.name for key in keys]
 
+    def hand_out(self, folder: Path) -> list[str]:
+        """Write each key that is new or has changed into `folder/NAME/own.key`, where there is such
+        a folder, and remove those that were revoked; return the names of both.
+
+        A service finds its key there without seeing those of the others: each folder is one that
+        only the service can reach, so that the file in it is readable by everyone.
+
+        Raises ConfigError.
+        """
+        keys, changed = self.read(), []
+        for own in sorted(path for path in folder.iterdir() if path.is_dir()):
+            path = own / HANDED_OUT
+            key = keys.get(own.name)
+            text = None if key is None else _text(key)
+            if (path.read_text(encoding="utf-8") if path.exists() else None) == text:
+                continue
+            if text is None:
+                path.unlink()
+            else:
+                _write(path, text, _READABLE)
+            changed.append(own.name)
+        return changed
+
     def _there(self, name: str) -> Key:
         keys = self.read()
         if name not in keys:
@@ -118,13 +150,23 @@ class KeyStore:
     def _make(self, name: str, role: str) -> Path:
         key = Key(name, role, secrets.token_urlsafe(_PASSWORD_BYTES))
         path = self.path_of(name)
-        try:
-            self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-            # Readable by its owner from the first moment, and never half written.
-            handle, new = tempfile.mkstemp(dir=self.folder, prefix=".", suffix=".new")
-            with os.fdopen(handle, "w", encoding="utf-8") as file:
-                json.dump(key._asdict(), file)
-            Path(new).replace(path)
-        except OSError as error:
-            raise ConfigError(f"{path}: {error.strerror}") from error
+        _write(path, _text(key))
         return path
+
+
+def _text(key: Key) -> str:
+    return json.dumps(key._asdict())
+
+
+def _write(path: Path, text: str, mode: int = 0o600) -> None:
+    """Raises ConfigError."""
+    try:
+        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        # Readable by its owner alone from the first moment, and never half written.
+        handle, new = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=".new")
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(text)
+            os.fchmod(handle, mode)
+        Path(new).replace(path)
+    except OSError as error:
+        raise ConfigError(f"{path}: {error.strerror}") from error

@@ -24,7 +24,7 @@ class BusConfig(ServiceConfig):
         None,
         description="key with which this process signs in at the router, made by `mazebot keys`; "
         "without one, tools use the operator's key of the stack of this user on that port, if it "
-        "has keys",
+        "has keys, or that in ./keys, where containers leave it",
     )
     wire: Literal["rmw_zenoh", "plain"] = Field(
         "rmw_zenoh",

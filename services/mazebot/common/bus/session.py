@@ -13,12 +13,20 @@ import zenoh
 
 from mazebot.common.bus.config import BusConfig
 from mazebot.common.bus.linger import stop_lingering
-from mazebot.common.files.key_file import Key, KeyFileError, operators_key, read_key, sign_in
+from mazebot.common.files.key_file import (
+    Key,
+    KeyFileError,
+    operators_key,
+    operators_key_here,
+    read_key,
+    sign_in,
+)
 
 WAIT_BEFORE_DROP_US = 10_000
 """As in services/mazebot/router/router.json5."""
 
 
+TRY_S = 1.0
 PATIENCE_S = 5.0
 """Wall time for which a tool waits for a router that listens: on a busy machine it answers late."""
 
@@ -32,22 +40,39 @@ class BusUnavailableError(ConnectionError):
         """Whether somebody listens there."""
 
 
-def join(config: BusConfig) -> zenoh.Session:
-    """Open a client session for a tool, which tries it once. Raises BusUnavailableError."""
-    try:
-        return open_session(config)
-    except BusUnavailableError as error:
-        if not error.listens:
-            raise
-    return open_session(config, PATIENCE_S)
+def join(config: BusConfig) -> tuple[zenoh.Session, Key | None]:
+    """Open a client session for a tool, which tries it once; return it with the key that it has
+    signed in with.
+
+    Without a key in the settings it is the operator's, of this user's stack or, as containers leave
+    it, in ./keys; where the router does not want that one, none. Raises BusUnavailableError.
+    """
+    path = _key_path(config)
+    here = operators_key_here(config.connect) if path is None else None
+    paths = [path] if here is None else [here, None]
+    for path in paths:
+        try:
+            return _open(config, path, TRY_S)
+        except BusUnavailableError as error:
+            if not error.listens:
+                raise
+    return _open(config, paths[0], PATIENCE_S)
 
 
-def open_session(config: BusConfig, timeout_s: float = 1.0) -> zenoh.Session:
+def open_session(config: BusConfig, timeout_s: float = TRY_S) -> zenoh.Session:
     """Open a client session.
 
     The timeout is finite, to be called in a loop: an endless one inside Zenoh would block signals.
     Raises BusUnavailableError where no router responds within `timeout_s`, or it refuses the key.
     """
+    session, _ = _open(config, _key_path(config), timeout_s)
+    return session
+
+
+def _open(
+    config: BusConfig, key_file: Path | None, timeout_s: float
+) -> tuple[zenoh.Session, Key | None]:
+    key = _read(key_file)
     settings = zenoh.Config()
     options: dict[str, object] = {
         "mode": "client",
@@ -68,7 +93,6 @@ def open_session(config: BusConfig, timeout_s: float = 1.0) -> zenoh.Session:
         # Zenoh's default of 1 ms is too short for a busy machine to send its queue.
         "transport/link/tx/queue/congestion_control/drop/wait_before_drop": WAIT_BEFORE_DROP_US,
     }
-    key = key_of(config)
     if key:
         options |= sign_in(key)
     try:
@@ -76,16 +100,20 @@ def open_session(config: BusConfig, timeout_s: float = 1.0) -> zenoh.Session:
             settings.insert_json5(name, json.dumps(value))
         session = zenoh.open(settings)
     except zenoh.ZError as error:
-        raise _why_not(config.connect, _key_path(config)) from error
+        raise _why_not(config.connect, key_file) from error
     close_links_at_once(session)
-    return session
+    return session, key
 
 
 def key_of(config: BusConfig) -> Key | None:
     """The key with which sessions sign in, if they do. Raises BusUnavailableError where it is no
     key.
     """
-    path = _key_path(config)
+    return _read(_key_path(config))
+
+
+def _read(path: Path | None) -> Key | None:
+    """Raises BusUnavailableError."""
     try:
         return read_key(path) if path else None
     except KeyFileError as error:

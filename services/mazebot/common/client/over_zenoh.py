@@ -14,7 +14,7 @@ from mazebot.common.bus.config import BusConfig
 from mazebot.common.bus.liveliness import GraphNode, alive, graph_name
 from mazebot.common.bus.publisher import publish
 from mazebot.common.bus.query import QueryError, ask
-from mazebot.common.bus.session import BusUnavailableError, join, key_of
+from mazebot.common.bus.session import BusUnavailableError, join
 from mazebot.common.bus.subscriber import subscribe
 from mazebot.common.client.robot import (
     HOW_TO_START,
@@ -53,7 +53,7 @@ class ZenohRobot(Robot):
         if isinstance(config, str):
             config = load(BusConfig, "bus", [], {"connect": router})
         try:
-            self._key, self._session = key_of(config), join(config)
+            self._session, self._key = join(config)
         except BusUnavailableError as error:
             raise RobotError(f"{error}; is a stack running? ({HOW_TO_START})") from error
         self.keys, self._start_s = config.keys, start_s

@@ -16,6 +16,8 @@ NAME = re.compile(r"[a-z][a-z0-9_-]{0,31}")
 _PASSWORD = re.compile(r"[A-Za-z0-9_-]{20,128}")
 _FORMS = {"name": NAME, "role": NAME, "password": _PASSWORD}
 SUFFIX = ".key"
+HANDED_OUT = "own.key"
+"""The file in which an identity finds its key in a folder of its own."""
 _LONGEST = 4096
 """Bytes of a key file: far above what it holds."""
 KEYS = "keys"
@@ -78,3 +80,11 @@ def operators_key(endpoint: str) -> Path | None:
         return None
     path = file_of(stacks_folder() / found["port"] / KEYS, "operator")
     return path if path.exists() else None
+
+
+def operators_key_here(endpoint: str) -> Path | None:
+    """The operator's key in ./keys, where the containers of a clone leave it for whoever works
+    there, if it may be for the router at an endpoint: another machine does not get to see it.
+    """
+    path = file_of(Path(KEYS), "operator")
+    return path if _LOOPBACK.fullmatch(endpoint) and os.access(path, os.R_OK) else None
