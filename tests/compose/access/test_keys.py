@@ -83,8 +83,13 @@ def test_nobody_gets_in_without_a_key_and_the_owner_of_the_clone_has_one(
     keys = stack.folder / "keys"
     assert {path.stat().st_uid for path in (keys, *keys.iterdir())} == {stack.uid}
     monkeypatch.chdir(stack.folder)
-    driven = mazebot("goal", "-1.678", "-1.178", "--timeout", "0.5", "--connect", stack.endpoint)
-    assert "canceled" in driven.stderr
+    goal = ("goal", "-1.678", "-1.178", "--timeout", "0.5", "--connect", stack.endpoint)
+    assert mazebot(*goal).stdout.startswith("driving to")
+    monkeypatch.setenv("MAZEBOT_BUS_KEY_FILE", "keys/viewer.key")
+    refused = mazebot(*goal)
+    assert refused.returncode != 0
+    assert refused.stdout == ""
+    assert "viewer" in refused.stderr
 
 
 @pytest.mark.compose
