@@ -159,6 +159,20 @@ def test_a_restored_graph_is_the_same_and_goes_on() -> None:
     assert on.keyframes > slam.keyframes
 
 
+def test_a_restored_graph_goes_on_where_the_scan_leaves_a_direction_open() -> None:
+    corridor = np.array([[-20.0, 0.0, 40.0, 0.0], [-20.0, 1.5, 40.0, 1.5]])
+    steps = log(corridor, way([(0.0, 0.75), (6.0, 0.75)]))
+    half = len(steps) // 2
+    slam = slam_of(steps[:half])
+    on = Slam.restored(PARAMS, slam.document(7))
+    # Away from the last keyframe, so that the first scan becomes one.
+    off = errors(on, steps[half + 8 :])
+    assert off[:, 0].max() < 0.2
+    assert on.keyframes > slam.keyframes
+    assert np.isfinite(on.pose()[1]).all()
+    assert np.isfinite(on.graph.edges.covariance).all()
+
+
 def test_a_fixed_map_stays_as_it_is() -> None:
     steps = log(ROOM, TOUR, slip=0.05)
     half = len(steps) // 2

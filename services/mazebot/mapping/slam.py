@@ -77,7 +77,6 @@ _COMPACT_M = 0.025
 """Their returns are averaged within cells of this side."""
 _LOST_FIT = 0.3
 """Below it a scan does not constrain the pose."""
-_FAR = SE2(math.inf, 0.0, 0.0)
 _BEGIN_STD_M, _BEGIN_STD_RAD = 0.1, 0.1
 """Of the pose of a robot that comes to a map made before."""
 _WINDOW, _MOST_WINDOW_M, _MOST_WINDOW_RAD = 2.0, 1.5, 0.8
@@ -407,12 +406,14 @@ class Slam:
         if self._scans_of[node] % _REBUILD_SCANS == 0:
             self._local = None
 
-    def _predict(self, stamp_ns: int, odom_from_base: SE2, returns: Array, sensor: SE2) -> SE2:
-        """Move the pose as odometry moved; that motion."""
+    def _predict(
+        self, stamp_ns: int, odom_from_base: SE2, returns: Array, sensor: SE2
+    ) -> SE2 | None:
+        """Move the pose as odometry moved; that motion, None before the first scan of all."""
         p = self._params
         if self._scanned is None:
             self._pose = self._map_from_odom @ odom_from_base
-            return _FAR
+            return None
         before_ns, before = self._scanned
         moved = before.inverse() @ odom_from_base
         self._unlearnt_rad2 = 0.0
@@ -518,9 +519,9 @@ class Slam:
         if far_m > _STILL_M:
             self._usual_speed_m_s += _USUAL_GAIN * (far_m / elapsed_s - self._usual_speed_m_s)
 
-    def _match(self, returns: Array, sensor: SE2, moved: SE2) -> float | None:
+    def _match(self, returns: Array, sensor: SE2, moved: SE2 | None) -> float | None:
         """Correct the predicted pose by a scan; the share of returns that fit, None if it was not
-        used.
+        used. `moved` since the scan before; None: there was none, the robot may be anywhere near.
         """
         p = self._params
         if len(returns) < _FEW_RETURNS or not p.use_scan_matching:
@@ -530,8 +531,8 @@ class Slam:
         prior = information_of(self._covariance.matrix())
         found = refine(local, self._pose, prior, returns, sensor, std_m)
         expected = max(self._usual_fit - _DOUBTFUL, p.link_match_minimum_response_fine)
-        far = moved.distance_m(SE2(0.0, 0.0, 0.0)) > _LARGE_MOVE_M
-        far = far or abs(moved.yaw_rad) > _LARGE_TURN_RAD
+        way_m = math.inf if moved is None else moved.distance_m(SE2(0.0, 0.0, 0.0))
+        far = way_m > _LARGE_MOVE_M or (moved is not None and abs(moved.yaw_rad) > _LARGE_TURN_RAD)
         doubtful = far or found.fit < expected
         if far and found.fit < _LOST_FIT:
             # However good odometry has been, this time it may err as much as the parameters say.
@@ -569,11 +570,11 @@ class Slam:
             return found.fit
         if not (found.open_direction or doubtful or contradicted):
             self._wheels.learn(self._pose, self._covariance, found)
-        if found.open_direction:
+        if found.open_direction and moved is not None:
             xy_information = found.information[:2, :2]
             trace = float(xy_information[0, 0] + xy_information[1, 1])
             open_share = np.eye(2) - xy_information / trace if trace > 0.0 else np.eye(2)
-            self._drift += _DRIFT_M2_PER_M * moved.distance_m(SE2(0.0, 0.0, 0.0)) * open_share
+            self._drift += _DRIFT_M2_PER_M * way_m * open_share
         if far and self._is_far(found, by_odometry):
             off = self._off(found)
             self._surprise = np.outer(off, off)
