@@ -10,7 +10,7 @@ from typing import Final, Literal
 from mazebot.bench.chaos.links import Shape
 from mazebot.bench.chaos.stacks import EXPLORING, SERVICES, Stack
 
-Kind = Literal["kill", "freeze", "cut", "restart", "half-open", "delay", "slow"]
+Kind = Literal["kill", "freeze", "cut", "restart", "starve", "late", "half-open", "delay", "slow"]
 
 STOP_S: Final = 0.25
 """From the loss of navigation, which commands the robot, to its rest."""
@@ -45,11 +45,16 @@ class Fault:
         return f"{self.kind}-{'+'.join(self.services) or 'all'}{held}"
 
     @property
+    def ends_all(self) -> bool:
+        """Whether nobody is left who knows the world."""
+        return self.kind in ("restart", "late")
+
+    @property
     def stops(self) -> bool:
         """Whether the robot must stand."""
-        if self.kind in ("delay", "slow"):
+        if self.kind in ("delay", "slow", "starve"):
             return False
-        return self.kind == "restart" or not DRIVES_BY.isdisjoint(self.services)
+        return self.ends_all or not DRIVES_BY.isdisjoint(self.services)
 
     @property
     def back_s(self) -> float | None:
@@ -62,7 +67,7 @@ class Fault:
         """Do it."""
         acts: dict[Kind, Callable[[str], None]] = {
             "kill": stack.kill, "freeze": stack.freeze, "cut": stack.cut,
-            "restart": lambda _: stack.restart(),
+            "restart": lambda _: stack.restart(), "starve": stack.starve, "late": stack.hold_back,
             **{kind: partial(stack.shape, shape=shape) for kind, shape in SHAPES.items()},
         }  # fmt: skip
         for service in self.services or (_ALL,):
@@ -71,7 +76,8 @@ class Fault:
     def end(self, stack: Stack) -> None:
         """Undo it."""
         acts: dict[Kind, Callable[[str], None]] = {
-            "freeze": stack.thaw, "cut": stack.join, **dict.fromkeys(SHAPES, stack.unshape)
+            "freeze": stack.thaw, "cut": stack.join, "starve": stack.feed, "late": stack.release,
+            **dict.fromkeys(SHAPES, stack.unshape)
         }  # fmt: skip
         if self.kind in acts:
             for service in self.services or (_ALL,):
@@ -96,6 +102,11 @@ FAULTS: Final[tuple[Fault, ...]] = (
             ("navigation", 5.0), ("localization", 5.0), ("router", 5.0), ("navigation", 60.0),
         )
     ),
+    *(
+        Fault("starve", (service,), 10.0, needs_containers=True)
+        for service in ("navigation", "localization", "physics", "router")
+    ),
+    Fault("late", ("router",), 5.0, needs_containers=True),
     Fault("restart", ()),
 )  # fmt: skip
 EXPLORING_FAULTS: Final[tuple[Fault, ...]] = (

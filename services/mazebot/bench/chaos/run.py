@@ -75,7 +75,7 @@ def _try(stack: Stack, witness: Witness, task: Task, fault: Fault, trial: Trial)
         time.sleep(fault.hold_s)
     fault.end(stack)
     ended_s = time.monotonic() if fault.hold_s else begun_s
-    if "router" in fault.services or fault.kind == "restart":
+    if "router" in fault.services or fault.ends_all:
         witness.close()
         witness.open()
     killed = fault.services if fault.kind == "kill" else ()
@@ -87,14 +87,14 @@ def _try(stack: Stack, witness: Witness, task: Task, fault: Fault, trial: Trial)
     if killed:
         witness.wait(is_back, RECOVERY_S, f"{' and '.join(killed)} back")
         trial.back_s = time.monotonic() - ended_s
-    if fault.kind == "restart":
+    if fault.ends_all:
         # Nobody is left who knows the world: the demo, which is started again too, asks for it.
         witness.request_world(RECOVERY_S)
     witness.wait(lambda: witness.active_since(ended_s), RECOVERY_S, "an active navigation")
     trial.drives_s = time.monotonic() - ended_s
     _judge_stop(witness, fault, trial, before, begun_s)
     _judge_continuity(witness, fault, trial, before, ended_s, world_hash)
-    if fault.kind == "restart":
+    if fault.ends_all:
         trial.goal = "ended with the stack"
     try:
         task.conclude(trial)
@@ -113,7 +113,7 @@ def _judge_stop(
     if not fault.stops or rest is None or before is None:
         return
     trial.stop_m = math.hypot(rest.x_m - before.x_m, rest.y_m - before.y_m)
-    hidden = {"physics", "router"} & set(fault.services) or fault.kind == "restart"
+    hidden = {"physics", "router"} & set(fault.services) or fault.ends_all
     if not hidden:
         trial.stop_s = rest.wall_s - begun_s
 

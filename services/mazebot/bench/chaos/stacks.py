@@ -15,6 +15,7 @@ from mazebot.bench.chaos.links import Links, Shape
 from mazebot.bench.parts.loopback_router import free_port, running_router
 from mazebot.common.config import ConfigError
 from mazebot.common.files.root import ROOT
+from mazebot.common.node.node import random_generator
 
 SERVICES = (
     "worldgen", "physics", "spawner", "perception", "localization", "navigation", "recorder",
@@ -22,6 +23,8 @@ SERVICES = (
 EXPLORING = (*(one for one in SERVICES if one != "localization"), "mapping", "explorer")
 """In place of these, where the robot makes its map."""
 _COMMAND_S = 300.0
+_STARVED_CPUS = "0.25"
+"""Of a processor: less than any service of the drive needs, but the router."""
 
 
 class Stack(ABC):
@@ -91,6 +94,24 @@ class Stack(ABC):
 
     def join(self, service: str) -> None:  # noqa: B027 - what cannot be cut is never joined
         """Put it back."""
+
+    def starve(self, service: str) -> None:
+        """Leave a service a small part of a processor. Raises ConfigError where that cannot be done
+        here.
+        """
+        raise ConfigError(f"{service}: only a container can be kept from the processor")
+
+    def feed(self, service: str) -> None:  # noqa: B027 - see starve
+        """Give it back."""
+
+    def hold_back(self, service: str) -> None:
+        """End all services, and start them again in another order, without this one. Raises
+        ConfigError where that cannot be done here.
+        """
+        raise ConfigError(f"{service}: only containers are started one by one")
+
+    def release(self, service: str) -> None:  # noqa: B027 - see hold_back
+        """Start it, too."""
 
     def shape(self, service: str, shape: Shape) -> None:
         """Change how the links of a service pass on what they get; an empty name stands for all
@@ -214,6 +235,7 @@ class ContainerStack(Stack):
     def __init__(self, folder: Path, seed: int, explores: bool = False) -> None:
         super().__init__(folder, seed, explores)
         self._project = f"mazebot-chaos-{self.port}"
+        self._order = random_generator(seed, "chaos/start")
         self._environment |= {
             "COMPOSE_PROJECT_NAME": self._project,
             "MAZEBOT_ROUTER_PORT": str(self.port),
@@ -267,6 +289,27 @@ class ContainerStack(Stack):
             "docker", "network", "connect", "--alias", service, self._network,
             self._container(service),
         )  # fmt: skip
+
+    def starve(self, service: str) -> None:
+        """See Stack."""
+        self._run("docker", "update", "--cpus", _STARVED_CPUS, self._container(service))
+
+    def feed(self, service: str) -> None:
+        """See Stack."""
+        everything = str(os.cpu_count() or 1)
+        self._run("docker", "update", "--cpus", everything, self._container(service))
+
+    def hold_back(self, service: str) -> None:
+        """See Stack."""
+        everyone = [self._container(one) for one in (*self.services, "router")]
+        self._run("docker", "kill", *everyone)
+        order = self._order.permutation(len(everyone))
+        others = [everyone[i] for i in order if everyone[i] != self._container(service)]
+        self._run("docker", "start", *others)
+
+    def release(self, service: str) -> None:
+        """See Stack."""
+        self._run("docker", "start", self._container(service))
 
     @property
     def _profile(self) -> str:
