@@ -1,5 +1,6 @@
 """The image, built once, before any test of containers."""
 
+import fcntl
 import os
 import subprocess
 from collections.abc import Callable
@@ -10,13 +11,17 @@ from mazebot.common.files.root import ROOT
 
 
 @pytest.fixture(scope="session")
-def image() -> str:
+def image(tmp_path_factory: pytest.TempPathFactory) -> str:
     """The image of this working tree; fast where nothing has changed."""
     # One name, so that the image has the same identity each time.
     command = ["docker", "compose", "build", "--quiet", "demo-world-enhanced"]
-    built = subprocess.run(
-        command, cwd=ROOT, capture_output=True, text=True, timeout=1200, check=False
-    )
+    # Two workers that build at the same time make two images, and the second takes the name of the
+    # first away from the containers that run by then.
+    with (tmp_path_factory.getbasetemp().parent / "image.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        built = subprocess.run(
+            command, cwd=ROOT, capture_output=True, text=True, timeout=1200, check=False
+        )
     assert built.returncode == 0, f"the image cannot be built (is Docker running?)\n{built.stderr}"
     return "mazebot"
 
