@@ -116,6 +116,26 @@ def test_requests_that_are_never_finished_keep_nobody_out(page: int) -> None:
         )
 
 
+def test_a_request_that_waits_for_its_thread_is_not_dropped_for_newer_connections(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(live_module, "MAX_CONNECTIONS", 4)
+    # Its threads never run.
+    server = live_module._Server(("127.0.0.1", 0), live_module._Handler)
+    with contextlib.ExitStack() as stack:
+        stack.callback(server.server_close)
+        browsers = []
+        for number in range(6):
+            here, browser = map(stack.enter_context, socket.socketpair())
+            browser.sendall(b"GET / HTTP/1.1\r\n" + b"\r\n" * (number == 0))
+            assert server.verify_request(here, None)
+            browser.setblocking(False)
+            browsers.append(browser)
+        with pytest.raises(BlockingIOError):
+            browsers[0].recv(1)
+        assert [browser.recv(1) for browser in browsers[1:3]] == [b"", b""]
+
+
 def test_who_takes_nothing_of_what_they_asked_for_is_let_go(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -31,6 +31,8 @@ REQUEST_S = 10.0
 """Timeout for a browser's request to be complete."""
 STALL_S = 30.0
 """Timeout for a browser to accept a part of the response."""
+_MOST_HEADERS = 65_536
+"""Bytes of a request that are looked at."""
 _PASSED_HEADERS = ("Content-Type", "Content-Length", "rerun-final-length")
 
 
@@ -135,7 +137,7 @@ class _Server(ThreadingHTTPServer):
         """Whether one more connection is accepted."""
         with self._guard:
             if len(self._served) >= MAX_CONNECTIONS:
-                oldest = next(iter(self._unfinished), None)
+                oldest = next((one for one in self._unfinished if not _waits(one)), None)
                 if oldest is None:
                     return False
                 self._drop(oldest)
@@ -167,6 +169,17 @@ class _Server(ThreadingHTTPServer):
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """A browser that disconnects early is not logged."""
+
+
+def _waits(connection: socket.socket) -> bool:
+    """Whether a complete request has come, which its thread has not got to yet."""
+    # Of itself a socket with a timeout would wait for something to come.
+    with (
+        contextlib.suppress(OSError),
+        socket.socket(fileno=os.dup(connection.fileno())) as same,
+    ):
+        return b"\r\n\r\n" in same.recv(_MOST_HEADERS, socket.MSG_PEEK | socket.MSG_DONTWAIT)
+    return False
 
 
 class _Handler(BaseHTTPRequestHandler):
