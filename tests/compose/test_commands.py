@@ -9,6 +9,7 @@ import shutil
 import subprocess
 from collections.abc import Iterator
 from importlib.metadata import version as version_of
+from pathlib import Path
 
 import pytest
 
@@ -52,9 +53,13 @@ def test_a_bare_up_starts_nothing_and_says_what_to_do(stack: Stack) -> None:
 
 
 @pytest.mark.parametrize("name", ["console", *DEMOS.values(), "slam-world", "slam-world-enhanced"])
-def test_the_name_of_what_one_starts_builds_the_image(name: str) -> None:
+def test_the_name_of_what_one_starts_builds_the_image(name: str, tmp_path: Path) -> None:
+    # Under another name: the image has the service's as a label, so that a stack that runs by then
+    # would find another image at its next `up`, and start all containers anew.
+    other = tmp_path / "other.yaml"
+    other.write_text(json.dumps({"services": {name: {"image": BY_NAME}}}))
     built = subprocess.run(
-        ["docker", "compose", "build", name],
+        ["docker", "compose", "-f", "docker-compose.yaml", "-f", str(other), "build", name],
         cwd=ROOT,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
@@ -63,7 +68,7 @@ def test_the_name_of_what_one_starts_builds_the_image(name: str) -> None:
         check=False,
     )
     assert built.returncode == 0, built.stdout
-    assert "naming to docker.io/library/mazebot" in built.stdout
+    assert f"naming to docker.io/library/{BY_NAME}" in built.stdout
     # Another service's build before this one has left nothing to do.
     steps = dict(re.findall(r"^#(\d+) \[.*\] (?:RUN|COPY) (.*)$", built.stdout, re.MULTILINE))
     assert steps
@@ -71,6 +76,7 @@ def test_the_name_of_what_one_starts_builds_the_image(name: str) -> None:
     assert {step: steps[step] for step in steps.keys() - cached} == {}
 
 
+BY_NAME = "mazebot-by-name"
 IN_IMAGE = """
 import json, os, shutil, stat
 programs = ("sh", "bash", "perl", "apt-get", "dpkg", "pip", "pip3", "su", "mount", "curl", "wget")
