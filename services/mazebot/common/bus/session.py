@@ -27,6 +27,7 @@ WAIT_BEFORE_DROP_US = 10_000
 
 
 TRY_S = 1.0
+"""Wall time within which a router that is there lets a session in."""
 PATIENCE_S = 5.0
 """Wall time for which a tool waits for a router that listens: on a busy machine it answers late."""
 
@@ -50,13 +51,17 @@ def join(config: BusConfig) -> tuple[zenoh.Session, Key | None]:
     path = _key_path(config)
     here = operators_key_here(config.connect) if path is None else None
     paths = [path] if here is None else [here, None]
-    for path in paths:
-        try:
-            return _open(config, path, TRY_S)
-        except BusUnavailableError as error:
-            if not error.listens:
-                raise
-    return _open(config, paths[0], PATIENCE_S)
+    refusals = []
+    for timeout_s in (TRY_S, PATIENCE_S):
+        for path in paths:
+            try:
+                return _open(config, path, timeout_s)
+            except BusUnavailableError as error:
+                if not error.listens:
+                    raise
+                refusals.append(error)
+    # The key that was found is the one to be told of.
+    raise refusals[0]
 
 
 def open_session(config: BusConfig, timeout_s: float = TRY_S) -> zenoh.Session:
