@@ -83,7 +83,7 @@ up: image ## start the containers of WORLD=enhanced|original|... and follow the 
 	esac
 
 down: ## stop the containers and close their recordings
-	@docker compose --profile original --profile enhanced --profile slam --profile slam-enhanced --profile simulator --profile simulator-enhanced --profile navigation-only --profile console down
+	@docker compose --profile original --profile enhanced --profile slam --profile slam-enhanced --profile simulator --profile simulator-enhanced --profile navigation-only --profile console --profile ros2 down
 
 goal: $(STAMP) ## send the running robot to GOAL="x y yaw"
 	@.venv/bin/mazebot goal $(GOAL)
@@ -167,6 +167,8 @@ lock: $(STAMP) ## resolve the dependencies again
 		| $(UV) pip compile --quiet --universal --generate-hashes --python-version 3.11 --no-header --no-annotate --no-emit-index-url - -o requirements-docs.lock
 	@$(PYTHON) -c 'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["dependency-groups"]["ros2"], sep="\n")' \
 		| $(UV) pip compile --quiet --universal --generate-hashes --python-version 3.11 --no-header --no-annotate --no-emit-index-url - -o requirements-ros2.lock
+	@$(PYTHON) -c 'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["dependency-groups"]["bridge"], sep="\n")' \
+		| $(UV) pip compile --quiet --universal --generate-hashes --python-version 3.11 --no-header --no-annotate --no-emit-index-url -c requirements.lock - -o requirements-bridge.lock
 	@echo 'uv' | $(UV) pip compile --quiet --universal --generate-hashes --python-version 3.11 --no-header --no-annotate --no-emit-index-url - -o requirements-tools.lock
 	@echo 'cyclonedx-bom==7.5.0' | $(UV) pip compile --quiet --universal --generate-hashes --python-version 3.11 --no-header --no-annotate --no-emit-index-url - -o requirements-sbom.lock
 	@echo 'ir-sim==2.12.0' | $(UV) pip compile --quiet --universal --generate-hashes --python-version 3.11 --no-header --no-annotate --no-emit-index-url - -o requirements-bench.lock

@@ -128,7 +128,7 @@ def test_what_others_read_is_no_mistake(monkeypatch: pytest.MonkeyPatch) -> None
         ("physcis: {rate_hz: 2}", ["physcis", "unknown section", "physics?"]),
         (
             "physics: {rate_hz: 2}\nfoo: {}",
-            ["foo", "must be one of seed, bus, console, router, worldgen"],
+            ["foo", "must be one of seed, bus, console, ros2_bridge, router"],
         ),
         ("physics: {rate: 2}", ["physics.rate: 2", "unknown field", "rate_hz?"]),
         ("physics: 3", ["physics: 3", "mapping of fields"]),

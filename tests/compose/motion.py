@@ -14,6 +14,7 @@ from mazebot.common.bus.liveliness import alive_key, service_and_source
 from mazebot.common.bus.session import open_session
 from mazebot.common.bus.subscriber import subscribe
 from mazebot.common.messages import wire
+from mazebot.common.messages.keys import DEFAULT_KEYS, Keys
 from mazebot.common.messages.messages import Odometry
 from mazebot.common.messages.topics import GROUND_TRUTH_ODOM
 from mazebot.common.node.node import Envelope
@@ -39,13 +40,13 @@ class Motion:
 class Witness:
     """Listens to the ground truth from the host."""
 
-    def __init__(self, endpoint: str) -> None:
+    def __init__(self, endpoint: str, keys: Keys = DEFAULT_KEYS) -> None:
         self._session: zenoh.Session = open_session(BusConfig(connect=endpoint), timeout_s=5.0)
         self.seen: list[Motion] = []
-        self._subscription = subscribe(self._session, GROUND_TRUTH_ODOM, self._on_odom)
+        self._subscription = subscribe(self._session, GROUND_TRUTH_ODOM, self._on_odom, keys)
         self._appeared: dict[str, float] = {}
         self._tokens = self._session.liveliness().declare_subscriber(
-            alive_key("*", "*"),
+            alive_key("*", "*", keys),
             cast("Any", zenoh.handlers.Callback(self._on_token, indirect=False)),
             history=True,
         )

@@ -16,7 +16,10 @@ FILE: dict[str, Any] = yaml.safe_load((ROOT / "docker-compose.yaml").read_text()
 STANZAS: dict[str, Any] = FILE["services"]
 NAMES = ["router", *(service for service in SERVICES if service != "bringup")]
 MAPPERS = {"mapping", "explorer"}
-OURS = [name for name in STANZAS if name != "nothing-named"]
+BRIDGE = "ros2-bridge"
+CONTAINERS = [name for name in STANZAS if name != "nothing-named"]
+OURS = [name for name in CONTAINERS if name != BRIDGE]
+"""Those of Mazebot's own image."""
 PROFILES = {"original", "enhanced", "slam", "slam-enhanced"}
 SIMULATORS = {"simulator": "original", "simulator-enhanced": "enhanced"}
 """Each with the profile of the demo in the same world."""
@@ -129,19 +132,37 @@ def test_worlds_and_textures_are_the_image_s_or_one_s_own(
     assert all(volume["read_only"] for volume in STANZAS["worldgen"]["volumes"])
 
 
-@pytest.mark.parametrize("name", OURS)
+@pytest.mark.parametrize("name", CONTAINERS)
 def test_each_stanza_is_hardened(name: str) -> None:
     stanza = STANZAS[name]
-    assert set(stanza["profiles"]) <= {*PROFILES, *SIMULATORS, NAVIGATION, "console"}
-    assert stanza["image"] == "mazebot"
     assert stanza["read_only"] is True
     assert stanza["cap_drop"] == ["ALL"]
     assert stanza["security_opt"] == ["no-new-privileges:true"]
     # Else Docker lets a service swap as much again.
     assert stanza["memswap_limit"] == stanza["mem_limit"]
     assert all(port.startswith("127.0.0.1:") for port in stanza.get("ports", ()))
-    assert "edge" not in stanza["networks"] or name in ("router", *WRITERS)
     assert name in WRITERS or stanza["user"] == "10001:10001"
+
+
+@pytest.mark.parametrize("name", OURS)
+def test_each_stanza_but_the_bridge_is_in_the_stack_s_own_network(name: str) -> None:
+    stanza = STANZAS[name]
+    assert set(stanza["profiles"]) <= {*PROFILES, *SIMULATORS, NAVIGATION, "console"}
+    assert stanza["image"] == "mazebot"
+    assert "network_mode" not in stanza
+    assert "edge" not in stanza["networks"] or name in ("router", *WRITERS)
+
+
+def test_the_bridge_reaches_the_router_s_published_port_alone() -> None:
+    stanza = STANZAS[BRIDGE]
+    assert stanza["command"] == ["python", "-m", "mazebot.ros2_bridge"]
+    assert (stanza["image"], stanza["profiles"]) == ("mazebot-ros2", ["ros2"])
+    assert stanza["network_mode"] == "host"
+    assert not {"ports", "volumes", "networks", "depends_on"} & stanza.keys()
+    port = STANZAS["router"]["ports"][0].removesuffix(":7447").replace("127.0.0.1:", "")
+    assert stanza["environment"]["MAZEBOT_BUS_CONNECT"] == f"tcp/127.0.0.1:{port}"
+    # By default Fast DDS stays on the loopback.
+    assert not any(name.startswith("MAZEBOT_ROS2_BRIDGE") for name in stanza["environment"])
 
 
 def test_what_a_person_builds_by_name_builds_the_image_and_nobody_looks_elsewhere() -> None:

@@ -19,11 +19,15 @@ FLAGS: dict[str, tuple[str, ...]] = {
 }
 
 
+SIMULATOR = ("worldgen", "physics", "spawner")
+
+
 @contextmanager
 def running_stack(
-    pace: str = "2", camera: bool = False, goal: tuple[float, float, float] = (0.5, 0.0, 0.0)
+    pace: str = "2", camera: bool = False, goal: tuple[float, float, float] | None = (0.5, 0.0, 0.0)
 ) -> Iterator[str]:
-    """The endpoint of a stack in the enhanced world, active, with its first goal reached.
+    """The endpoint of a stack in the enhanced world, active, with its first goal reached; without a
+    goal, of a simulator in which nobody localises or drives.
 
     Raises AssertionError, with what the services said, where it does not come up.
     """
@@ -39,11 +43,12 @@ def running_stack(
             return subprocess.Popen(command, env=environment, stdout=log, stderr=subprocess.STDOUT)
 
         flags_of = {**FLAGS, "physics": ()} if camera else FLAGS
-        processes = [start(name, *flags) for name, flags in flags_of.items()]
+        names = SIMULATOR if goal is None else flags_of.keys()
+        processes = [start(name, *flags_of[name]) for name in names]
+        drive = ("--drive", "false") if goal is None else ("--goal", str(list(goal)))
         try:
-            code = start(
-                "bringup", "--world-name", "sim_house_enhanced", "--goal", str(list(goal))
-            ).wait(timeout=90)
+            bringup = start("bringup", "--world-name", "sim_house_enhanced", *drive)
+            code = bringup.wait(timeout=90)
             log.seek(0)
             assert code == 0, log.read()
             yield endpoint

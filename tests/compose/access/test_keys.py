@@ -24,7 +24,7 @@ from tests.console.live.running import Page
 FILES = "docker-compose.yaml", "docker/keys.yaml"
 PLAIN, KEYED = (yaml.safe_load((ROOT / name).read_text())["services"] for name in FILES)
 IDENTITIES = {*SERVICES, OPERATOR}
-HUMAN = "console", "navigation-only"
+HUMAN = "console", "navigation-only", "ros2-bridge"
 DEMO = DEMOS["original"]
 
 

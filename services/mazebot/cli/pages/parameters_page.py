@@ -19,6 +19,7 @@ from mazebot.navigation.config import NavigationConfig
 from mazebot.perception.config import PerceptionConfig
 from mazebot.physics.config import PhysicsConfig
 from mazebot.recorder.config import RecorderConfig
+from mazebot.ros2_bridge.config import Ros2BridgeConfig
 from mazebot.router.config import RouterConfig
 from mazebot.spawner.config import SpawnerConfig
 from mazebot.worldgen.config import WorldgenConfig
@@ -37,6 +38,7 @@ CONFIGS: dict[str, type[ServiceConfig]] = {
     "bringup": BringupConfig,
     "console": ConsoleConfig,
     "router": RouterConfig,
+    "ros2_bridge": Ros2BridgeConfig,
 }
 
 UNITS = {

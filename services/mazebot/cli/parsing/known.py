@@ -65,5 +65,6 @@ def model_of(section: str) -> type[ServiceConfig]:
     """The configuration of a section, by its name: `bus` or a service."""
     where = "common.bus" if section == "bus" else section
     module = import_module(f"mazebot.{where}.config")
-    model: type[ServiceConfig] = getattr(module, f"{section.capitalize()}Config")
+    name = "".join(word.capitalize() for word in section.split("_"))
+    model: type[ServiceConfig] = getattr(module, f"{name}Config")
     return model

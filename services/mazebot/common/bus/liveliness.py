@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections import defaultdict
 from collections.abc import Callable, Mapping
-from typing import Any, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar, cast
 
 import zenoh
 
@@ -85,6 +85,14 @@ def graph_name(service: str) -> str:
     return f"_mazebot_{service}" if service == EDGE else service
 
 
+class Held(NamedTuple):
+    """An endpoint whose token stands."""
+
+    gid: bytes
+    """Its identity in attachments."""
+    withdraw: Callable[[], None]
+
+
 class GraphNode:
     """A node and its publishers and subscribers in ROS 2's graph; on the plain wire there is none.
 
@@ -119,16 +127,13 @@ class GraphNode:
             )
         )
 
-    def has(self, kind: Kind, name: str, type_name: str, type_hash: str, qos: str) -> str:
-        """Declare the token of an endpoint that is in no table of topics: a service, a topic of an
-        action; returns its identity in hexadecimal digits.
-        """
+    def has(self, kind: Kind, name: str, type_name: str, type_hash: str, qos: str) -> Held:
+        """Declare the token of an endpoint by its type: of a service, of a topic of an action."""
         session, number = str(self._session.zid()), next(_NUMBERS)
         token = self._keys.typed_token(
             session, self._number, number, self._name, kind, name, type_name, type_hash, qos
         )
-        self._declare(token)
-        return gid_of(token)
+        return Held(bytes.fromhex(gid_of(token)), self._declare(token))
 
     def _declare(self, key: str) -> Callable[[], None]:
         token = self._session.liveliness().declare_token(key)

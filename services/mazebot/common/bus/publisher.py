@@ -28,18 +28,19 @@ def publish(
     keys: Keys = DEFAULT_KEYS,
     lossless: bool = False,
     graph: GraphNode | None = None,
+    type_name: str | None = None,
 ) -> Any:
     """Declare a publisher with the topic's delivery, or one that never drops (`lossless`); with
-    `graph`, as one of that node.
+    `graph`, as one of that node; with `type_name`, of another type that the topic takes.
 
     Reliable messages block until the router has them. The router itself drops messages for slow
     readers; they are sent again as far as they are cached here. Lossless messages block in the
     router, too; services/mazebot/router/router.json5 recognises them by their priority.
     """
-    key = keys.of_topic(topic)
+    key = keys.of_topic(topic, type_name)
     if graph is not None:
         graph.publishes(topic)
-    encoding = zenoh.Encoding.APPLICATION_CDR.with_schema(wire.type_name(topic))
+    encoding = zenoh.Encoding.APPLICATION_CDR.with_schema(type_name or wire.type_name(topic))
     latest, latched = (topic.delivery is kind for kind in (Delivery.LATEST, Delivery.LATCHED))
     control = zenoh.CongestionControl
     priority = LOSSLESS_PRIORITY if lossless else _priority(topic)

@@ -73,25 +73,38 @@ def subscribe(
         payload = sample.payload.to_bytes()
         receive(wire.of_own_type(topic, payload) if topic.also else payload, envelope)
 
-    handler = cast("Any", zenoh.handlers.Callback(on_sample, indirect=False))
     ends: list[Callable[[], None]] = []
     # On the plain wire all types have the same key.
     for key, type_name in {keys.of_topic(topic, kind): kind for kind in types_of(topic)}.items():
-        ends.append(_declare(session, topic, key, handler).undeclare)
+        subscriber = subscribe_samples(session, key, topic.delivery, topic.depth, on_sample)
+        ends.append(subscriber.undeclare)
         if graph is not None:
             ends.append(graph.subscribes(topic, type_name))
     return Subscription(ends)
 
 
-def _declare(session: zenoh.Session, topic: Topic[M], key: str, handler: Any) -> Any:
-    if topic.delivery is Delivery.LATEST:
-        return session.declare_subscriber(key, handler)
-    latched = topic.delivery is Delivery.LATCHED
+def subscribe_samples(
+    session: zenoh.Session,
+    key: str,
+    delivery: Delivery,
+    depth: int,
+    on_sample: Callable[[zenoh.Sample], None],
+    of_others: bool = False,
+) -> Any:
+    """Subscribe to a key, whatever comes on it; keep the returned object. `of_others`: without what
+    this session itself publishes.
+    """
+    handler = cast("Any", zenoh.handlers.Callback(on_sample, indirect=False))
+    origin = zenoh.Locality.REMOTE if of_others else zenoh.Locality.ANY
+    if delivery is Delivery.LATEST:
+        return session.declare_subscriber(key, handler, allowed_origin=origin)
+    latched = delivery is Delivery.LATCHED
     return zenoh.ext.declare_advanced_subscriber(
         session,
         key,
         handler,
-        history=zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=topic.depth)
+        allowed_origin=origin,
+        history=zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=depth)
         if latched
         else None,
         recovery=zenoh.ext.RecoveryConfig(periodic_queries=None, heartbeat=True),

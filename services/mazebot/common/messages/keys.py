@@ -102,7 +102,7 @@ class Keys:
         type_name = type_name or wire.type_name(topic)
         return self.typed_token(
             session, node_number, number, node, kind, topic.name, type_name, hash_of(type_name),
-            _qos(topic),
+            qos_of(topic),
         )  # fmt: skip
 
     def typed_token(
@@ -121,6 +121,11 @@ class Keys:
     def publisher_tokens(self) -> str:
         """The key expression of the tokens of all publishers."""
         return f"{_GRAPH}/{self.domain_id}/*/*/*/{PUBLISHER}/**"
+
+    @property
+    def domain_tokens(self) -> str:
+        """The key expression of all tokens in this domain."""
+        return f"{_GRAPH}/{self.domain_id}/**"
 
     def endpoint(self, token: str) -> Endpoint | None:
         """What the token of an endpoint in this domain says; None: it is no such token."""
@@ -143,10 +148,16 @@ class Keys:
 
     def topic_with(self, endpoint: Endpoint) -> Topic[Any] | None:
         """The topic that has the name of an endpoint, whatever its type."""
+        return BY_NAME.get(self.name_in_stack(endpoint.name) or "")
+
+    def name_in_stack(self, name: str) -> str | None:
+        """A topic or service without the stack's namespace; None: it is not in it."""
         start = f"/{self.prefix}"
-        if not endpoint.name.startswith(start):
-            return None
-        return BY_NAME.get(f"/{endpoint.name.removeprefix(start)}")
+        return f"/{name.removeprefix(start)}" if name.startswith(start) else None
+
+    def whole_name(self, name: str) -> str:
+        """A topic or service with the stack's namespace."""
+        return f"/{self.prefix}{name.removeprefix('/')}"
 
     @property
     def _namespace(self) -> str:
@@ -214,8 +225,8 @@ def _dds_type(type_name: str) -> str:
     return f"{package}::{kind}::dds_::{name}_"
 
 
-def _qos(topic: Topic[M]) -> str:
-    """The quality of service: reliability, durability, and the depth of the history; numbers are
+def qos_of(topic: Topic[M]) -> str:
+    """The quality of service in a token: reliability, durability, depth of the history; numbers are
     those of rmw/types.h, and what is rmw's default is empty.
     """
     best_effort = "2" if topic.delivery is Delivery.LATEST else ""

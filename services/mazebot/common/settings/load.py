@@ -88,7 +88,7 @@ def sections() -> tuple[str, ...]:
     # Loads all messages, which takes a command 0.2 s.
     from mazebot.common.messages.topics import SERVICES  # noqa: PLC0415
 
-    return ("bus", "console", "router", *SERVICES)
+    return ("bus", "console", "ros2_bridge", "router", *SERVICES)
 
 
 def read_settings(

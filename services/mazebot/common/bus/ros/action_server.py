@@ -94,7 +94,7 @@ class ActionServer:
     ) -> Any:
         types = self._types
         type_hash = types.hash_of(type_name)
-        gid = bytes.fromhex(graph.has(PUBLISHER, name, type_name, type_hash, qos))
+        gid, _ = graph.has(PUBLISHER, name, type_name, type_hash, qos)
         key = self._keys.typed(name, type_name, type_hash)
         encoding = zenoh.Encoding.APPLICATION_CDR
         publisher: Any
