@@ -164,7 +164,8 @@ def opened_in(context: BrowserContext, url: str) -> Opened:
 def live(browser: Browser, url: str) -> Iterator[Opened]:
     context = browser.new_context(viewport={"width": 1300, "height": 900})
     opened = opened_in(context, url)
-    opened.page.wait_for_selector("#task-state.good", timeout=1000 * DEADLINE_S)
+    # With what the page says where it does not come.
+    opened.wait(lambda: opened.page.locator("#task-state.good").count())
     yield opened
     context.close()
     assert opened.wrong == []

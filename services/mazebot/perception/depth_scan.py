@@ -79,7 +79,7 @@ def depth_scan(
     """The scan of a depth image; None where the camera does not see the floor.
 
     Args:
-        depth_m: (h, w), along the optical axis; 0 and NaN: nothing measured.
+        depth_m: (h, w), along the optical axis; NaN and 0: nothing measured.
         intrinsics: (3, 3) of a pinhole without distortion, pixels.
         base_from_optical: rigid (4, 4).
         yaw_rad: heading, in base_footprint, of the frame that angles are to be in.

@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import cv2
+import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
@@ -206,7 +207,8 @@ def test_depths_stay_within_half_a_millimetre() -> None:
     (back,) = as_recorded([packed], [])
     assert wire.decode(table.DEPTH_IMAGE, back.data).header == image.header
     assert (back.topic, back.made_from) == (table.DEPTH_IMAGE.name, "")
-    assert abs(depth_m - told_m).max() <= 0.0005001
+    # Nothing in range is no number; in older recordings it is 0.
+    assert abs(np.nan_to_num(depth_m) - np.nan_to_num(told_m)).max() <= 0.0005001
 
 
 @pytest.mark.slow

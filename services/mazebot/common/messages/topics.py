@@ -195,7 +195,7 @@ CAMERA_COMPRESSED = Topic(
 )  # fmt: skip
 DEPTH_IMAGE = Topic(
     "/camera/depth/image_rect_raw", msg.Image, ("physics",), ("perception", "recorder"), _LATEST,
-    "32FC1, metres along the optical axis, same render as the colour image; 0: nothing in range",
+    "32FC1, metres along the optical axis, same render as the colour image; NaN: nothing in range",
     rate_hz=10,
 )  # fmt: skip
 DEPTH_INFO = Topic(

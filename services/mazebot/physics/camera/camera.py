@@ -87,7 +87,9 @@ class Picture:
     rgb: NDArray[np.uint8]
     """(h, w, 3)"""
     depth_m: NDArray[np.float32] | None
-    """(h, w): along the optical axis; 0 where nothing is within range. None: not requested."""
+    """(h, w): along the optical axis; NaN where nothing is within range, by REP 118. None: not
+    requested.
+    """
 
 
 class Renderer(Protocol):

@@ -133,7 +133,7 @@ class CpuCamera:
             lamps = Lamps(self._lamps, _plain(map_from_optical, np.float64))
             self._draw(planes, facts, lamps, words, depths_m, spare)
         else:
-            words[:], depths_m[:] = 0, 0.0
+            words[:], depths_m[:] = 0, np.nan
         return Picture(rgb, depth_m)
 
     def _draw(

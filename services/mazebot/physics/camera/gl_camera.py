@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -106,7 +107,8 @@ void main() {
     // A perspective's w is the depth along the optical axis.
     float along_m = 1.0 / gl_FragCoord.w;
     bool within = along_m >= depth_range_m.x && along_m <= depth_range_m.y;
-    depth_m = within ? along_m : 0.0;
+    // Not a number.
+    depth_m = within ? along_m : uintBitsToFloat(0x7fc00000u);
 #endif
 }
 """
@@ -274,7 +276,7 @@ class GlCamera:
         buffer.color_mask = _ALL_COLOURS, _NO_COLOURS
         buffer.clear(*sky, 1.0, depth=1.0)
         buffer.color_mask = _NO_COLOURS, _ALL_COLOURS
-        buffer.clear(0.0, 0.0, 0.0, 0.0, depth=1.0)
+        buffer.clear(math.nan, math.nan, math.nan, math.nan, depth=1.0)
         buffer.color_mask = _ALL_COLOURS, _ALL_COLOURS
 
     def _draw(

@@ -379,8 +379,8 @@ def draw_strip(
     """Draw rows of the picture.
 
     `rgb` holds its colours, three bytes a pixel, row after row; the first row's number times the
-    width must be a multiple of four. `depth_m`, (height x width,), has 0 where nothing is within
-    the limits; if it is empty, none is computed. `sky` is the background colour.
+    width must be a multiple of four. `depth_m`, (height x width,), has NaN where nothing is
+    within the limits; if it is empty, none is computed. `sky` is the background colour.
     """
     width = view.size_px[0]
     pixels = (end_row - first_row) * width
@@ -402,7 +402,7 @@ def draw_strip(
         for at in range(pixels):
             depth = nearness[at]
             seen = (depth >= least) & (depth <= most) & (owners[at] >= _i32(0))
-            depth_m[start + _at(at)] = depth if seen else _f32(0.0)
+            depth_m[start + _at(at)] = depth if seen else _f32(np.nan)
 
     at = _ZERO
     for v in range(first_row, end_row):

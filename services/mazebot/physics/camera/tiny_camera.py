@@ -111,7 +111,7 @@ class TinyCamera:
         if self._depth_range_m is not None:
             depth_m = _depth_from_buffer(np.asarray(buffer).reshape(height, width))
             nearest_m, farthest_m = self._depth_range_m
-            depth_m[nothing | (depth_m < nearest_m) | (depth_m > farthest_m)] = 0.0
+            depth_m[nothing | (depth_m < nearest_m) | (depth_m > farthest_m)] = np.nan
         return Picture(np.asarray(rgb, np.uint8), depth_m)
 
     def close(self) -> None:

@@ -93,7 +93,9 @@ def _depth_png(image: msg.Image) -> rr.EncodedDepthImage:
     rows = image.data.reshape(image.height, image.step)[:, : 4 * image.width]
     depth_m = np.ascontiguousarray(rows).view(np.float32)
     scaled = 1000.0 * depth_m
-    if not np.isfinite(depth_m.sum()):
+    # Nothing in range.
+    cv2.patchNaNs(scaled, 0.0)
+    if not np.isfinite(scaled.sum()):
         scaled = np.nan_to_num(scaled, nan=0.0, posinf=0.0, neginf=0.0)
     np.rint(scaled, out=scaled)
     millimetres = np.clip(scaled, 0, 65_535, out=scaled).astype(np.uint16)

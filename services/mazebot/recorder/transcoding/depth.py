@@ -22,8 +22,8 @@ _MOST_MM = 65_535
 def compressed_depth(image_cdr: bytes) -> bytes:
     """CDR of a CompressedImage in whole millimetres, from that of an Image in metres (32FC1).
 
-    0 stays 0: nothing in range. Depths beyond 65 m become 65.535 m. Raises WireError for no Image,
-    VideoError for one of another encoding.
+    Nothing in range, NaN, becomes 0. Depths beyond 65 m become 65.535 m. Raises WireError for no
+    Image, VideoError for one of another encoding.
     """
     image = wire.decode(DEPTH_IMAGE, image_cdr)
     if image.encoding != "32FC1" or image.is_bigendian or image.step < 4 * image.width:
@@ -40,9 +40,11 @@ def compressed_depth(image_cdr: bytes) -> bytes:
 
 
 def depth_m_of(compressed: msg.CompressedImage) -> NDArray[np.float32]:
-    """(h, w) metres of an image that was compressed here. Raises VideoError for any other."""
+    """(h, w) metres of an image that was compressed here, NaN where nothing was in range. Raises
+    VideoError for any other.
+    """
     png = compressed.data[len(_CONFIG) :]
     depth_mm = cv2.imdecode(png, cv2.IMREAD_UNCHANGED) if len(png) else None
     if compressed.format != DEPTH_FORMAT or depth_mm is None or depth_mm.dtype != np.uint16:
         raise VideoError(f"not a depth image: {compressed.format!r}")
-    return np.asarray(depth_mm, np.float32) / np.float32(1000.0)
+    return np.where(depth_mm > 0, depth_mm / np.float32(1000.0), np.float32(np.nan))

@@ -17,6 +17,10 @@ from mazebot.common.messages.documents.places import Planar
 from mazebot.common.speeds import MIN_SPEED
 
 
+Natural = Annotated[int, Field(ge=0, lt=2**63)]
+"""A seed, or what is counted: numpy takes no other for the state of a random stream."""
+
+
 class Contact(Document):
     """A contact of the robot with anything but the floor has begun."""
 
@@ -60,7 +64,7 @@ class SimulationControl(Document):
         description="`all`: everything returns to its initial state, at time 0; `time`: only the "
         "clock restarts",
     )
-    seed: Annotated[int, Field(ge=0, lt=2**63)] | None = Field(
+    seed: Natural | None = Field(
         None, description="new seed of the random streams; needs `reset: all`"
     )
     speed: Speed | None = Field(
@@ -78,17 +82,17 @@ class SimulationStats(Document):
 
     world_hash: str
     sim_time_s: Finite
-    iterations: int
+    iterations: Natural
     step_size_s: Positive
     paused: bool = False
     speed: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = Field(
         1.0, description="requested simulated seconds a second; 0: as fast as possible"
     )
-    seed: int = Field(0, description="seed of the random streams")
-    epoch: int = Field(
+    seed: Natural = Field(0, description="seed of the random streams")
+    epoch: Natural = Field(
         0, description="counts the starts: load, reset, and every rebuild of the world"
     )
-    resumed_from: int | None = Field(
+    resumed_from: Natural | None = Field(
         None,
         description="epoch in which the run began that a simulator started again goes on with: "
         "time and poses go on; null: the run began with this epoch",
@@ -124,10 +128,10 @@ class SimulationCheckpoint(Document):
     """What a simulator that is started again needs to go on where the one before was."""
 
     world_hash: str
-    epoch: int
-    run_epoch: int = Field(description="the epoch in which the run began")
-    seed: int
-    iterations: int = Field(ge=0, description="steps done")
+    epoch: Natural
+    run_epoch: Natural = Field(description="the epoch in which the run began")
+    seed: Natural
+    iterations: Natural = Field(description="steps done")
     paused: bool
     speed: Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
     robot: BodyCheckpoint
