@@ -305,6 +305,7 @@ def feedback_document(
         angular_distance_traveled_rad=feedback.motion if action == "Spin" else None,
         distance_traveled_m=feedback.motion if action in ("BackUp", "DriveOnHeading") else None,
         time_left_s=feedback.motion if action == "Wait" else None,
+        speed_m_s=feedback.speed_m_s if action == "FollowPath" else None,
         docking_state=feedback.docking_state.name.lower() if docks else None,
         num_retries=feedback.num_retries if docks else None,
         paused=paused,

@@ -66,7 +66,7 @@ class Navigation(Node):
             told = act.ActionFeedback(
                 goal_id=self.goal.goal_id, action=self.goal.goal.action, distance_remaining_m=1.5,
                 number_of_recoveries=2, current_pose=doc.Planar(x_m=3.0, y_m=4.0, yaw_rad=0.0),
-                navigation_time_s=2.25, current_waypoint=1, time_left_s=4.5,
+                navigation_time_s=2.25, current_waypoint=1, time_left_s=4.5, speed_m_s=0.25,
                 estimated_time_remaining_s=1e9, docking_state="controlling", num_retries=1,
             )  # fmt: skip
             outbox.put(ACTION_FEEDBACK, told)
@@ -409,3 +409,34 @@ def test_poses_to_drive_through_have_the_form_of_the_distribution(each: Stack) -
     sent = each.node.sent[0].goal
     assert isinstance(sent, act.NavigateThroughPoses)
     assert [one.x_m for one in sent.poses] == [1.0, 2.0]
+
+
+def path_of(frame_id: str = "map", of_poses: str = "") -> dict[str, Any]:
+    poses = [pose(x_m) for x_m in (1.0, 2.0)]
+    for one in poses:
+        one["header"] = {"frame_id": of_poses}
+    return {"header": {"frame_id": frame_id}, "poses": poses}
+
+
+def test_a_path_is_followed(stack: Stack) -> None:
+    kind, name = "nav2_msgs/action/FollowPath", "/follow_path"
+    told = stack.heard("feedback", f"{kind}_FeedbackMessage", name)
+    goal_id, reply = stack.send({"path": path_of(), "controller_id": "FollowPath"}, kind, name)
+    assert reply.accepted
+    poses = tuple(doc.Planar(x_m=x_m, y_m=0.0, yaw_rad=0.0) for x_m in (1.0, 2.0))
+    assert stack.node.sent[0].goal == act.FollowPath(path=poses, controller_id="FollowPath")
+    stack.wake()
+    wait_until(lambda: bool(told), "feedback")
+    assert (told[0].feedback.distance_to_goal, told[0].feedback.speed) == (1.5, 0.25)
+    stack.node.finishes = True
+    stack.wake()
+    assert stack.result(goal_id, kind, name).status == SUCCEEDED
+
+
+@pytest.mark.parametrize(("frame_id", "of_poses"), [("odom", ""), ("map", "odom")])
+def test_a_path_in_another_frame_is_refused(stack: Stack, frame_id: str, of_poses: str) -> None:
+    kind, name = "nav2_msgs/action/FollowPath", "/follow_path"
+    goal_id, _ = stack.send({"path": path_of(frame_id, of_poses)}, kind, name)
+    result = stack.result(goal_id, kind, name)
+    assert (result.status, result.result.error_code) == (ABORTED, 102)
+    assert "'odom': must be 'map'" in result.result.error_msg

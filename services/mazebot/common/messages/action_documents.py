@@ -251,6 +251,7 @@ class ActionFeedback(Document):
     angular_distance_traveled_rad: Finite | None = None
     distance_traveled_m: Finite | None = None
     time_left_s: Finite | None = None
+    speed_m_s: Finite | None = None
     docking_state: str | None = None
     num_retries: int | None = None
     paused: bool = False

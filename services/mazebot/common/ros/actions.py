@@ -14,7 +14,13 @@ from mazebot.common.messages.error_codes import ErrorCode
 from mazebot.common.messages.topics import COMPUTE_PATH, SEND_GOAL, Query
 from mazebot.common.ros.call import Response
 from mazebot.common.ros.interfaces import Versioned
-from mazebot.common.ros.values import duration_values, planar_of, pose_stamped, seconds_of
+from mazebot.common.ros.values import (
+    check_in_map,
+    duration_values,
+    planar_of,
+    pose_stamped,
+    seconds_of,
+)
 
 
 class GoalStatus(IntEnum):
@@ -138,6 +144,20 @@ def _waypoints(message: Any) -> act.ActionGoal:
     )
 
 
+def _path(message: Any) -> act.ActionGoal:
+    try:
+        check_in_map(message.path.header)
+        path = tuple(map(planar_of, message.path.poses))
+    except ValueError as error:
+        raise GoalError(ErrorCode.CONTROLLER_TF_ERROR, f"path: {error}") from error
+    return act.FollowPath(
+        path=path,
+        controller_id=message.controller_id,
+        goal_checker_id=message.goal_checker_id,
+        progress_checker_id=message.progress_checker_id,
+    )
+
+
 def _spin(message: Any) -> act.ActionGoal:
     return act.Spin(
         target_yaw_rad=message.target_yaw,
@@ -236,6 +256,13 @@ def _through_feedback(told: act.ActionFeedback) -> Response:
 
 def _waypoints_feedback(told: act.ActionFeedback) -> Response:
     return {"current_waypoint": told.current_waypoint or 0}
+
+
+def _path_feedback(told: act.ActionFeedback) -> Response:
+    return {
+        "distance_to_goal": told.distance_remaining_m or 0.0,
+        "speed": told.speed_m_s or 0.0,
+    }
 
 
 def _spin_feedback(told: act.ActionFeedback) -> Response:
@@ -340,6 +367,10 @@ ACTIONS: Final[tuple[Action, ...]] = (
     _row(
         "/follow_waypoints", "FollowWaypoints", _waypoints, _waypoints_feedback,
         _waypoints_result, "drive to each pose and stop there",
+    ),
+    _row(
+        "/follow_path", "FollowPath", _path, _path_feedback, _task_result,
+        "drive along a given path",
     ),
     _row("/spin", "Spin", _spin, _spin_feedback, _behavior_result, "turn on the spot"),
     _row("/backup", "BackUp", _back_up, _straight_feedback, _behavior_result, "drive back"),

@@ -65,6 +65,9 @@ KILTED: Final[dict[str, str]] = {
     "nav2_msgs/action/ComputePathToPose": "geometry_msgs/PoseStamped goal\n"
     "geometry_msgs/PoseStamped start\nstring planner_id\nbool use_start\n---\n"
     f"nav_msgs/Path path\nbuiltin_interfaces/Duration planning_time\n{_ERROR}---\n",
+    "nav2_msgs/action/FollowPath": "nav_msgs/Path path\nstring controller_id\n"
+    "string goal_checker_id\nstring progress_checker_id\n---\n"
+    f"std_msgs/Empty result\n{_ERROR}---\nfloat32 distance_to_goal\nfloat32 speed\n",
     "nav2_msgs/action/Spin": f"{_SPIN_GOAL}{_UNCHECKED}{_SPIN_END}",
     "nav2_msgs/action/BackUp": f"{_STRAIGHT_GOAL}{_UNCHECKED}{_STRAIGHT_END}",
     "nav2_msgs/action/DriveOnHeading": f"{_STRAIGHT_GOAL}{_UNCHECKED}{_STRAIGHT_END}",

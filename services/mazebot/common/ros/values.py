@@ -16,10 +16,15 @@ def pose_stamped(pose: Planar) -> msg.PoseStamped:
     return msg.PoseStamped(header=msg.header(0, MAP_FRAME), pose=msg.pose_from_se2(pose.se2()))
 
 
+def check_in_map(header: msg.Header) -> None:
+    """Raises ValueError where a header names another frame."""
+    if header.frame_id not in ("", MAP_FRAME):
+        raise ValueError(f"frame_id {header.frame_id!r:.40}: must be 'map' or empty")
+
+
 def planar_of(pose: msg.PoseStamped) -> Planar:
     """A pose in the map. Raises ValueError where it is in another frame."""
-    if pose.header.frame_id not in ("", MAP_FRAME):
-        raise ValueError(f"frame_id {pose.header.frame_id!r:.40}: must be 'map' or empty")
+    check_in_map(pose.header)
     planar = msg.se2_from_pose(pose.pose)
     return Planar(x_m=planar.x_m, y_m=planar.y_m, yaw_rad=planar.yaw_rad)
 

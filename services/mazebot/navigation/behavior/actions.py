@@ -197,6 +197,7 @@ class TaskFeedback:
     """Rounds of FollowWaypoints after the current one."""
     motion: float = 0.0
     """Angle turned, distance driven, time left or time run, of a behaviour."""
+    speed_m_s: float = 0.0
     docking_state: DockState = DockState.NONE
     num_retries: int = 0
 

@@ -204,6 +204,7 @@ class TreeTask:
             len(goals) if isinstance(goals, tuple) else 0,
             self.statuses(),
             motion=run.running_motion.feedback if run.running_motion else 0.0,
+            speed_m_s=abs(self._context.velocity().linear_m_s),
             docking_state=docking.state if docking else DockState.NONE,
             num_retries=docking.num_retries if docking else 0,
         )

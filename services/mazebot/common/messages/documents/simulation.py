@@ -16,7 +16,6 @@ from mazebot.common.messages.documents.document import (
 from mazebot.common.messages.documents.places import Planar
 from mazebot.common.speeds import MIN_SPEED
 
-
 Natural = Annotated[int, Field(ge=0, lt=2**63)]
 """A seed, or what is counted: numpy takes no other for the state of a random stream."""
 
