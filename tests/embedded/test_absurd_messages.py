@@ -83,7 +83,9 @@ class Victim:
 
 
 @pytest.mark.parametrize("name", MAKERS)
-def test_no_message_ends_a_node(name: str, tmp_path: Path) -> None:
+def test_no_message_ends_a_node(
+    name: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     victim = Victim(MAKERS[name](tmp_path))
     topics = read_by(name)
 
@@ -113,3 +115,4 @@ def test_no_message_ends_a_node(name: str, tmp_path: Path) -> None:
                 victim.say(topic, messages[-1])
         victim.step()
         victim.node.close()
+    assert not [one for one in caplog.messages if "cannot be drawn" in one]

@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 import threading
+from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -29,6 +30,8 @@ from mazebot.common.recordings.report.report import write_report
 from mazebot.common.recordings.run_folder import is_recording
 from mazebot.recorder import node as node_module
 from mazebot.recorder.config import RecorderConfig
+from mazebot.recorder.drawing import archetypes
+from mazebot.recorder.drawing.canvas import Canvas
 from mazebot.recorder.keeping.run import run as run_module
 from mazebot.recorder.node import RecorderNode
 from mazebot.recorder.stream.rerun_program import rerun_binary
@@ -45,9 +48,13 @@ from tests.recorder.synthetic import (
 
 
 @pytest.fixture(autouse=True)
-def strict() -> None:
-    """A drawing that Rerun would only warn of fails."""
+def strict(request: pytest.FixtureRequest, caplog: pytest.LogCaptureFixture) -> Iterator[None]:
+    """A drawing that Rerun would only warn of, or that the recorder goes on without, fails."""
     rr.set_strict_mode(True)
+    yield
+    records = caplog.get_records("call")
+    failed = [one.message for one in records if "cannot be drawn" in one.message]
+    assert bool(failed) == ("cannot_be_drawn" in request.node.name), failed
 
 
 def recorder(folder: Path, **fields: Any) -> RecorderNode:
@@ -106,6 +113,26 @@ def test_a_run_leaves_a_whole_recording_a_summary_and_its_configuration(tmp_path
     assert config["world_request"]["world_name"] == "room"
     assert config["services"]["recorder"]["jpeg_quality"] == 75
     assert config["services"]["spawner"] == {"seed": 11}
+
+
+def test_what_cannot_be_drawn_is_recorded_and_told_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def fail(canvas: Canvas, message: msg.Path) -> None:
+        raise ValueError("a bug of ours")
+
+    monkeypatch.setitem(archetypes.DRAW, table.PLAN, fail)
+    world = room()
+    bench = Bench(recorder(tmp_path))
+    bench.say(opening(world))
+    bench.say(driving(world, 3.0))
+    bench.node.close()
+    told = [one for one in caplog.messages if "cannot be drawn" in one]
+    assert told == ["/plan cannot be drawn"]
+    (run,) = tmp_path.iterdir()
+    verify(run / "run.rrd")
+    assert "/scan: " in entities_of(run / "run.rrd")
+    assert summary_of(run)["messages"]["/plan"]["recorded"] > 0
 
 
 def test_the_summary_holds_what_scripts_read(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 import contextlib
 import copy
+import math
 import random
 
 import numpy as np
@@ -110,6 +111,29 @@ def test_a_map_of_more_cells_than_any_map_has_is_refused() -> None:
     grid.data = np.zeros(40_000_000, np.int8)
     with pytest.raises(wire.WireError, match="too many cells"):
         wire.validate(MAP, grid)
+
+
+@pytest.mark.parametrize("side_m", [0.0, 1e-9, 5e-4, 2000.0])
+def test_a_map_of_cells_of_no_use_is_refused(side_m: float) -> None:
+    grid = copy.deepcopy(SAMPLES[MAP])
+    assert isinstance(grid, msg.OccupancyGrid)
+    grid.info.resolution = side_m
+    with pytest.raises(wire.WireError, match="out of range"):
+        wire.validate(MAP, grid)
+
+
+@pytest.mark.parametrize(
+    ("angle_min", "angle_increment"), [(1e6, 0.01), (0.0, 1e8), (0.0, -1e8), (0.0, 1.0)]
+)
+def test_a_lidar_turns_once(angle_min: float, angle_increment: float) -> None:
+    scan = copy.deepcopy(SAMPLES[SCAN])
+    assert isinstance(scan, msg.LaserScan)
+    scan.ranges = np.ones(360, np.float32)
+    scan.angle_min, scan.angle_increment = 0.0, math.tau / 360
+    wire.validate(SCAN, scan)
+    scan.angle_min, scan.angle_increment = angle_min, angle_increment
+    with pytest.raises(wire.WireError, match="two turns"):
+        wire.validate(SCAN, scan)
 
 
 def test_an_array_may_hold_huge_numbers_but_none_that_is_not_finite() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import hashlib
 import re
 from collections.abc import Callable
@@ -611,6 +612,16 @@ def test_rollouts_are_drawn_in_their_own_colours() -> None:
     ]
     assert column(drawn, "colors").to_pylist() == [0xFF8000FF]
     assert column(drawn, "radii").to_pylist() == pytest.approx([0.005])
+
+
+def test_a_rollout_without_points_is_none() -> None:
+    rr.set_strict_mode(True)
+    canvas, paper = canvas_of(room())
+    array = copy.deepcopy(SAMPLES[table.TRAJECTORIES])
+    array.markers[0].points = []
+    DRAW[table.TRAJECTORIES](canvas, array)
+    (drawn,) = (one for one in paper.logged["trajectories"] if isinstance(one, rr.LineStrips3D))
+    assert column(drawn, "strips").to_pylist() == [[]]
 
 
 def test_an_action_s_goal_is_shown_while_it_is_driven_to_and_by_its_end() -> None:

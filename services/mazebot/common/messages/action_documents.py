@@ -295,7 +295,7 @@ class BehaviorTreeNode(Document):
     status: Literal["IDLE", "RUNNING", "SUCCESS", "FAILURE", "SKIPPED"] = Field(
         description="latest status since the previous log; `IDLE`: not ticked"
     )
-    depth: Annotated[int, Field(ge=0)] = Field(0, description="0: the root")
+    depth: Annotated[int, Field(ge=0, le=1000)] = Field(0, description="0: the root")
 
 
 class BehaviorTreeLog(Document):

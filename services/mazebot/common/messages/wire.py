@@ -37,7 +37,10 @@ MAX_IN_ARRAY = 1e12
 """Largest number in an array: a covariance of -1, or a huge one, is valid."""
 MAX_CELLS = 16_000_000
 """Cells of a map: as many as the world generator makes at most."""
-MAX_CELL_SIDE_M = 1_000.0
+MIN_CELL_SIDE_M, MAX_CELL_SIDE_M = 1e-3, 1_000.0
+"""As in the files of maps: with smaller cells no costmap around the robot fits in memory."""
+MAX_ANGLE_RAD = 12.6
+"""Of a lidar's beams: two turns. More are degrees, or what would keep a reader busy for years."""
 MAX_NAME_CHARACTERS = 255
 """Maximum length of a frame's name."""
 
@@ -402,7 +405,13 @@ def _grid(grid: msg.OccupancyGrid) -> str:
         return "wrong length"
     if len(grid.data) > MAX_CELLS:
         return "too many cells"
-    return "" if 0.0 < info.resolution <= MAX_CELL_SIDE_M else _OUT_OF_RANGE
+    return "" if MIN_CELL_SIDE_M <= info.resolution <= MAX_CELL_SIDE_M else _OUT_OF_RANGE
+
+
+def _beams(scan: msg.LaserScan) -> str:
+    sweep_rad = abs(scan.angle_increment) * len(scan.ranges)
+    most_rad = max(abs(scan.angle_min), sweep_rad)
+    return "" if most_rad <= MAX_ANGLE_RAD else "beams over more than two turns"
 
 
 def _unit(q: msg.Quaternion) -> str:
@@ -420,6 +429,7 @@ def _frames(tree: msg.TFMessage) -> str:
 
 _EXTRA: dict[str, _Check] = {
     "sensor_msgs/msg/Image": _image,
+    "sensor_msgs/msg/LaserScan": _beams,
     "nav_msgs/msg/OccupancyGrid": _grid,
     "geometry_msgs/msg/Quaternion": _unit,
     "tf2_msgs/msg/TFMessage": _frames,

@@ -244,7 +244,9 @@ def draw_trajectories(canvas: Canvas, array: msg.MarkerArray) -> None:
     canvas.recording.log(
         "trajectories",
         rr.LineStrips3D(
-            _strips([np.array([(p.x, p.y, p.z) for p in one.points]) for one in strips]),
+            _strips(
+                [np.array([(p.x, p.y, p.z) for p in one.points]).reshape(-1, 3) for one in strips]
+            ),
             colors=colors,
             radii=[one.scale.x / 2.0 for one in strips],
         ),

@@ -45,6 +45,7 @@ class RunDrawing:
         """Whether every part so far was ended properly."""
         self._canvas: Canvas | None = None
         self._draw: Mapping[Topic[Any], Callable[[Canvas, Any], None]] = {}
+        self._not_drawn: set[Topic[Any]] = set()
 
     @property
     def is_open(self) -> bool:
@@ -101,10 +102,18 @@ class RunDrawing:
             self.draw(topic, message, now_ns)
 
     def draw(self, topic: Topic[Any], message: Any, now_ns: int) -> None:
-        """Draw a message."""
-        if self._canvas is not None:
-            self._canvas.now_ns = now_ns
+        """Draw a message. One that cannot be drawn is recorded all the same; it is told once."""
+        if self._canvas is None:
+            return
+        self._canvas.now_ns = now_ns
+        try:
             self._draw[topic](self._canvas, message)
+        except RecordingError:
+            raise
+        except Exception:
+            if topic not in self._not_drawn:
+                self._not_drawn.add(topic)
+                _LOG.exception("%s cannot be drawn", topic.name)
 
     def show(self, evaluation: doc.Evaluation, true_faces_m: Array | None, final: bool) -> None:
         """Draw the run's evaluation, and the walls that its map is judged by."""
