@@ -82,15 +82,16 @@ class Victim:
         self.node.step(self.now_ns, self.inbox, self.outbox)
 
 
+@pytest.mark.parametrize("count", [150, pytest.param(3000, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", MAKERS)
 def test_no_message_ends_a_node(
-    name: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+    name: str, count: int, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     victim = Victim(MAKERS[name](tmp_path))
     topics = read_by(name)
 
     @settings(
-        max_examples=150,
+        max_examples=count,
         deadline=None,
         database=None,
         derandomize=True,

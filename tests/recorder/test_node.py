@@ -30,7 +30,7 @@ from mazebot.common.recordings.report.report import write_report
 from mazebot.common.recordings.run_folder import is_recording
 from mazebot.recorder import node as node_module
 from mazebot.recorder.config import RecorderConfig
-from mazebot.recorder.drawing import archetypes
+from mazebot.recorder.drawing import archetypes, picture_drawing
 from mazebot.recorder.drawing.canvas import Canvas
 from mazebot.recorder.keeping.run import run as run_module
 from mazebot.recorder.node import RecorderNode
@@ -133,6 +133,27 @@ def test_what_cannot_be_drawn_is_recorded_and_told_once(
     verify(run / "run.rrd")
     assert "/scan: " in entities_of(run / "run.rrd")
     assert summary_of(run)["messages"]["/plan"]["recorded"] > 0
+
+
+def test_what_cannot_be_drawn_beside_the_run_is_told_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def fail(image: msg.Image) -> None:
+        raise ValueError("a bug of ours")
+
+    monkeypatch.setattr(picture_drawing, "_depth_png", fail)
+    world = room()
+    bench = Bench(recorder(tmp_path))
+    bench.say(opening(world))
+    image = msg.Image(msg.header(0, "camera"), 1, 2, "32FC1", 0, 8, np.ones(8, np.uint8))
+    bench.say(driving(world, 3.0))
+    bench.say((second * 10**9, table.DEPTH_IMAGE, image) for second in (4, 5, 6))
+    bench.node.close()
+    told = [one for one in caplog.messages if "cannot be drawn" in one]
+    assert told == ["camera/depth/image_rect_raw cannot be drawn"]
+    (run,) = tmp_path.iterdir()
+    verify(run / "run.rrd")
+    assert summary_of(run)["messages"][table.DEPTH_IMAGE.name]["recorded"] == 3
 
 
 def test_the_summary_holds_what_scripts_read(tmp_path: Path) -> None:

@@ -93,8 +93,8 @@ def _depth_png(image: msg.Image) -> rr.EncodedDepthImage:
     rows = image.data.reshape(image.height, image.step)[:, : 4 * image.width]
     depth_m = np.ascontiguousarray(rows).view(np.float32)
     scaled = 1000.0 * depth_m
-    # Nothing in range.
-    cv2.patchNaNs(scaled, 0.0)
+    # No number: nothing in range.
+    np.fmax(scaled, 0.0, out=scaled)
     if not np.isfinite(scaled.sum()):
         scaled = np.nan_to_num(scaled, nan=0.0, posinf=0.0, neginf=0.0)
     np.rint(scaled, out=scaled)

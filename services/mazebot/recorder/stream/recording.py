@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import logging
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
@@ -27,6 +28,8 @@ from mazebot.recorder.stream.live_feed import (
 if TYPE_CHECKING:
     import rerun.blueprint as rrb
 
+
+_LOG = logging.getLogger("recorder")
 
 AGAIN_NS = 10_000_000_000
 """Unchanged values are logged again this often, for viewers that have only the newest data."""
@@ -81,6 +84,7 @@ class Recording:
         self._placed: dict[str, tuple[int, tuple[float, ...], tuple[object, ...]]] = {}
         """Of each path with a transform: when the last one was logged, its numbers and frames."""
         self._unmade: list[_Unmade] = []
+        self._not_made: set[str] = set()
         self._rows: dict[str, list[_Rows]] = {}
         """By entity, in the order in which they were logged."""
         self._lock = threading.Lock()
@@ -261,7 +265,15 @@ class Recording:
 
     def _make(self, unmade: Iterable[_Unmade]) -> None:
         for stamp_ns, path, make in unmade:
-            self._log(path, (make(),), stamp_ns, static=False)
+            try:
+                made = make()
+            except Exception:
+                # As of a message that is drawn at once: it is recorded all the same.
+                if path not in self._not_made:
+                    self._not_made.add(path)
+                    _LOG.exception("%s cannot be drawn", path)
+                continue
+            self._log(path, (made,), stamp_ns, static=False)
 
     def _log(
         self, path: str, archetypes: Iterable[rr.AsComponents], stamp_ns: int, static: bool
