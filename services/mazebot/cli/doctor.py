@@ -140,7 +140,10 @@ def _wrong_in(
     wrong = []
     distro, rmw = environment.get("ROS_DISTRO"), environment.get("RMW_IMPLEMENTATION")
     if rmw not in (None, "", RMW) or (not rmw and distro):
-        wrong.append(f"RMW_IMPLEMENTATION: {rmw or 'not set'}: must be {RMW}")
+        wrong.append(
+            f"RMW_IMPLEMENTATION: {rmw or 'not set'}: must be {RMW}, or let "
+            "`docker compose up ros2-bridge` carry everything to DDS"
+        )
     if distro and distro not in DISTROS and distro < "jazzy":
         wrong.append(f"ROS_DISTRO: {distro}: must be jazzy or newer: its keys have no type hashes")
     elif distro in DISTROS and distro != config.distro:

@@ -157,6 +157,29 @@ def test_an_entity_has_a_state_that_can_be_set() -> None:
     assert response.result.error_message == "it is bolted down"
 
 
+@pytest.mark.parametrize(
+    ("flags", "result", "told"),
+    [
+        ({"set_pose": True}, sim.OK, ""),
+        ({"set_pose": True, "set_twist": True}, sim.FEATURE_UNSUPPORTED, "set_twist"),
+        ({"set_acceleration": True}, sim.FEATURE_UNSUPPORTED, "set_acceleration"),
+        ({}, sim.OPERATION_FAILED, "set_pose"),
+    ],
+)
+def test_since_2_the_flags_say_what_of_a_state_is_set(
+    flags: Mapping[str, bool], result: int, told: str
+) -> None:
+    spawner = Spawner()
+    # A twist that is not to be set says nothing.
+    state = {"pose": {"position": {"x": 3.0}}, "twist": {"linear": {"x": 1.0}}}
+    values = {"entity": "crate_1", "state": state, **flags}
+    response = answer("/set_entity_state", values, spawner, "lyrical")
+    assert response.result.result == result
+    assert response.result.error_message.startswith(told)
+    moved = [one for one in spawner.asked if isinstance(one, doc.SetEntityState)]
+    assert [one.position_m for one in moved] == [(3.0, 0.0, 0.0)] * (result == sim.OK)
+
+
 def test_a_service_has_one_node_and_one_name() -> None:
     names = [service.name for service in ROS_SERVICES]
     assert len({*names}) == len(names)

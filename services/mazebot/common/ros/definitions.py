@@ -135,6 +135,8 @@ LYRICAL: Final[dict[str, str]] = {
     "simulation_interfaces/srv/SpawnEntity": "string name\nbool allow_renaming\n"
     "Resource entity_resource\nstring entity_namespace\ngeometry_msgs/PoseStamped initial_pose\n"
     f"---\n{_RESULT}string entity_name\n",
+    "simulation_interfaces/srv/SetEntityState": "string entity\nEntityState state\n"
+    f"bool set_pose\nbool set_twist\nbool set_acceleration\n---\n{_RESULT}",
 }  # fmt: skip
 
 DISTROS: Final = {"jazzy": JAZZY, "kilted": KILTED, "lyrical": LYRICAL}

@@ -196,12 +196,19 @@ def _missing(name: str) -> Response:
 
 
 def _set_entity_state(request: Any, _: Node) -> Steps:
+    """Both forms of the request: that of 1.x, and that of 2.x, which says what to set."""
     state = request.state
     if state.header.frame_id not in _WORLD_FRAMES:
         return _result(
             INVALID_POSE, f"state.header.frame_id: {state.header.frame_id!r:.40}: must be map"
         )
-    parts = (state.twist.linear, state.twist.angular)
+    # 1.x has no flags.
+    for flag in ("set_twist", "set_acceleration"):
+        if getattr(request, flag, False):
+            return _result(FEATURE_UNSUPPORTED, f"{flag}: must be false: only the pose can be set")
+    if not getattr(request, "set_pose", True):
+        return _result(OPERATION_FAILED, "set_pose: must be true: nothing else can be set")
+    parts = () if hasattr(request, "set_twist") else (state.twist.linear, state.twist.angular)
     if any((part.x, part.y, part.z) != (0.0, 0.0, 0.0) for part in parts):
         return _result(FEATURE_UNSUPPORTED, "state.twist: must be zero: only the pose can be set")
     if request.entity not in (yield from _names()):
