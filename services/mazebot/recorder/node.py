@@ -189,7 +189,8 @@ class RecorderNode(Node):
         if config.record and config.repair and config.out_dir is None:
             is_idle = (lambda: self._run is None) if config.video else None
             self._repair = Repair(config.recordings_dir, may_compress=is_idle)
-            self._repair.spared = self._interrupted[0] if self._interrupted else None
+            if self._interrupted is not None:
+                self._repair.spare(self._interrupted[0])
             self._repair.start()
         self._delete_old_runs()
         self._request: doc.WorldRequest | None = None
@@ -431,7 +432,7 @@ class RecorderNode(Node):
             )
         self._interrupted = self._offered = None
         if self._repair is not None:
-            self._repair.spared = None
+            self._repair.spare(None)
         self._write_config()
         if progress is not None:
             what = "resuming"

@@ -210,6 +210,27 @@ def test_what_is_sent_again_of_a_simulation_that_has_ended_is_not_judged(tmp_pat
     assert [goal.goal_stamp_ns for goal in verdicts[-1].goals] == [500_000_000]
 
 
+def test_a_run_that_nobody_resumes_is_repaired_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # The stack may be ended before the next look.
+    monkeypatch.setattr(repair_module, "LOOK_PERIOD_S", 1000.0)
+    run = killed_run(tmp_path, "")
+    world = room()
+    bench = Bench(recorder(tmp_path))
+    bench.say(opening(world))
+    assert (run / LOCK).exists()
+    bench.say([(0, table.SIMULATION_STATS, stats(world, time_s=0.5))])
+    end_s = time.monotonic() + 60.0
+    while (run / LOCK).exists():
+        assert time.monotonic() < end_s, "it is not repaired"
+        time.sleep(0.02)
+    bench.node.close()
+    verify(run / "run.rrd")
+    with (run / "run.mcap").open("rb") as file:
+        assert list(make_reader(file).iter_messages())
+
+
 def test_sigterm_ends_a_recording_whole(tmp_path: Path) -> None:
     script = KILLED.replace(
         "signal.pause()",

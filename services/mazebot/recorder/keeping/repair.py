@@ -128,7 +128,7 @@ class Repair(threading.Thread):
         """
         super().__init__(name="repair", daemon=True)
         self._may_compress = may_compress
-        self.spared: Path | None = None
+        self._spared: Path | None = None
         """A run that may still be resumed, for a minute."""
         self.unreadable: list[Path] = []
         """The files that were given up: what is in them is nothing that can be repaired."""
@@ -136,7 +136,16 @@ class Repair(threading.Thread):
         self._recordings_dir = recordings_dir
         self._only = only
         self._stopped = threading.Event()
+        self._woken = threading.Event()
         self._rewriting: Rewriting | None = None
+
+    def spare(self, folder: Path | None) -> None:
+        """Leave a run alone, as it may still be resumed; None: none is, and what was left so is
+        repaired at once. It may be the last moment: the new recorder may soon end, too.
+        """
+        self._spared = folder
+        if folder is None:
+            self._woken.set()
 
     def run(self) -> None:
         """Repair leftovers, repeatedly, until `stop()` is called."""
@@ -148,7 +157,8 @@ class Repair(threading.Thread):
             if was_idle and is_idle:
                 self._compress_all()
             was_idle = is_idle
-            self._stopped.wait(LOOK_PERIOD_S)
+            self._woken.wait(LOOK_PERIOD_S)
+            self._woken.clear()
 
     def repair_all(self) -> None:
         """Repair the current leftovers, except those for which there is no room."""
@@ -182,13 +192,14 @@ class Repair(threading.Thread):
     def stop(self) -> None:
         """Stop at once; a half-repaired recording stays unchanged."""
         self._stopped.set()
+        self._woken.set()
         if self._rewriting is not None:
             self._rewriting.stop()
         if self.is_alive():
             self.join(1.0)
 
     def _is_spared(self, folder: Path) -> bool:
-        return folder == self.spared and time.monotonic() - self._start_s < SPARE_S
+        return folder == self._spared and time.monotonic() - self._start_s < SPARE_S
 
     def _repair(self, folder: Path) -> None:
         # First: the summary is attached to the messages.
