@@ -161,8 +161,10 @@ def test_the_bridge_reaches_the_router_s_published_port_alone() -> None:
     assert not {"ports", "volumes", "networks", "depends_on"} & stanza.keys()
     port = STANZAS["router"]["ports"][0].removesuffix(":7447").replace("127.0.0.1:", "")
     assert stanza["environment"]["MAZEBOT_BUS_CONNECT"] == f"tcp/127.0.0.1:{port}"
-    # By default Fast DDS stays on the loopback.
-    assert not any(name.startswith("MAZEBOT_ROS2_BRIDGE") for name in stanza["environment"])
+    lists = {name for name in stanza["environment"] if name.startswith("MAZEBOT_ROS2_BRIDGE_")}
+    # And none that would let Fast DDS leave the loopback.
+    assert lists == {f"MAZEBOT_ROS2_BRIDGE_{name}" for name in ("TO_ROS", "FROM_ROS", "SERVICES")}
+    assert {stanza["environment"][name] for name in lists} == {None}
 
 
 def test_what_a_person_builds_by_name_builds_the_image_and_nobody_looks_elsewhere() -> None:
