@@ -113,7 +113,7 @@ def test_a_misspelt_variable_is_told_with_the_nearest(
 
 def test_what_others_read_is_no_mistake(monkeypatch: pytest.MonkeyPatch) -> None:
     compose = (ROOT / "docker-compose.yaml").read_text()
-    names = {*re.findall(r"MAZEBOT_[A-Z_]+", compose), *ALONE, "MAZEBOT_NAVIGATION_SPIN_DIST"}
+    names = {*re.findall(r"MAZEBOT_[A-Z0-9_]+", compose), *ALONE, "MAZEBOT_NAVIGATION_SPIN_DIST"}
     assert "MAZEBOT_VIEWER_DATA_PORT" in names
     for name in names:
         monkeypatch.setenv(name, "8")
