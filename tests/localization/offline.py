@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,7 +87,7 @@ class Place:
         pose = self.origin @ here
         return SE2(pose.x_m, pose.y_m, float(rng.uniform(-math.pi, math.pi)))
 
-    @property
+    @cached_property
     def _floor(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         return _floor(self)
 
@@ -99,24 +99,18 @@ class Place:
         )  # fmt: skip
 
 
-_FLOORS: dict[int, tuple[NDArray[np.int64], NDArray[np.int64]]] = {}
-
-
 def _floor(place: Place) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     import cv2
 
-    found = _FLOORS.get(id(place))
-    if found is None:
-        free = ((place.cells >= 0) & (place.cells < 50)).astype(np.uint8)
-        far = cv2.distanceTransform(free, cv2.DIST_L2, 5) * place.resolution_m >= CLEAR_M
-        count, labels = cv2.connectedComponents(far.astype(np.uint8))
-        sizes = [int((labels == k).sum()) for k in range(1, count)]
-        # The floor around a house is larger, but no robot starts there.
-        inside = [k for k in range(count - 1) if not _at_border(labels == k + 1)]
-        best = max(inside or range(count - 1), key=lambda k: sizes[k]) + 1
-        rows, columns = np.nonzero(labels == best)
-        found = _FLOORS[id(place)] = (rows, columns)
-    return found
+    free = ((place.cells >= 0) & (place.cells < 50)).astype(np.uint8)
+    far = cv2.distanceTransform(free, cv2.DIST_L2, 5) * place.resolution_m >= CLEAR_M
+    count, labels = cv2.connectedComponents(far.astype(np.uint8))
+    sizes = [int((labels == k).sum()) for k in range(1, count)]
+    # The floor around a house is larger, but no robot starts there.
+    inside = [k for k in range(count - 1) if not _at_border(labels == k + 1)]
+    best = max(inside or range(count - 1), key=lambda k: sizes[k]) + 1
+    rows, columns = np.nonzero(labels == best)
+    return rows, columns
 
 
 def _at_border(mask: NDArray[np.bool_]) -> bool:
