@@ -49,6 +49,16 @@ def test_the_batch_grows_again_where_steps_are_in_time() -> None:
     assert sampler.batch_size == 2000
 
 
+def test_another_controller_has_a_batch_of_its_own() -> None:
+    pace, first, second = BatchPace(PERIOD_NS), Sampler(), Sampler(batch_size=1000)
+    steps(pace, first, [0.0, 2.0])
+    assert first.batch_size == 1400
+    steps(pace, second, [3.0, 5.0])
+    assert (first.batch_size, second.batch_size) == (2000, 700)
+    steps(pace, second, [6.0 + i for i in range(1000)])
+    assert second.batch_size == 1000
+
+
 def test_time_without_control_is_not_missed() -> None:
     pace, sampler = BatchPace(PERIOD_NS), Sampler()
     steps(pace, sampler, [0.0])

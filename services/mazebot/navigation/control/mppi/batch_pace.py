@@ -37,8 +37,8 @@ class BatchPace:
         self._controller: object = None
         self._batched: Batched | None = None
         """That controller, if it is one. A lookup takes longer than the rest of a step."""
-        self._full: dict[int, int] = {}
-        """Configured batch, by the controller's identity."""
+        self._full = 0
+        """That controller's configured batch."""
         self._in_time = 0
         self.missed = 0
         """Control periods missed so far."""
@@ -51,13 +51,16 @@ class BatchPace:
         """Note a step of a controller."""
         last_ns, self._last_ns = self._last_ns, now_ns
         if controller is not self._controller:
+            if self._batched is not None:
+                # It may come back, and then begins anew.
+                self._batched.batch_size = self._full
             self._controller = controller
             self._batched = controller if isinstance(controller, Batched) else None
+            self._full = 0 if self._batched is None else self._batched.batch_size
         batched = self._batched
         if last_ns is None or batched is None:
             return
-        before = batched.batch_size
-        full = self._full.setdefault(id(controller), before)
+        before, full = batched.batch_size, self._full
         missed = now_ns // self._period_ns - last_ns // self._period_ns - 1
         if missed > 0:
             self.missed += missed
