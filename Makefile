@@ -44,7 +44,7 @@ TELL := scripts/with-progress.sh
 # $(call sync,VENV,LOCK): the libraries of a lock file, and no others.
 sync = $(TELL) "installing the libraries of $2" "scripts/count-installed.sh $(UV) $1 $2" \
 	$(UV) pip sync --quiet --python $1/bin/python --require-hashes $2
-SOURCES := services tests examples
+SOURCES := services tests examples docker
 
 .PHONY: help env demo slam demo-original up down goal recordings console view docs test test-slow test-ros2 test-compose check fix generate lock bench bench-nav bench-slam soak chaos fuzz seeds image clean
 

@@ -2,7 +2,7 @@
 tf2_msgs, vision_msgs. Their definitions are those from which the type hashes are computed.
 
 `python docker/ros2/packages.py DISTRO`, in an environment with the wheels of
-requirements-bridge.lock, installs them into that environment. Needs gcc.
+requirements-bridge.lock, installs them into that environment. Needs g++.
 """
 
 from __future__ import annotations
@@ -29,7 +29,9 @@ _GENERATORS = (
     "rosidl_typesupport_fastrtps_c", "rosidl_typesupport_introspection_c", "rosidl_typesupport_c",
     "rosidl_generator_py",
 )  # fmt: skip
-"""Of those in rosidl_default_generators what Python and Fast DDS use: no C++."""
+"""What Python and Fast DDS use; rosidl_default_generators wants a package that no wheel brings.
+Those for C++ come along with the packages on which the messages depend.
+"""
 
 
 def missing_packages(distro: str) -> dict[str, dict[str, str]]:

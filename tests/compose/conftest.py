@@ -10,11 +10,9 @@ import pytest
 from mazebot.common.files.root import ROOT
 
 
-@pytest.fixture(scope="session")
-def image(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """The image of this working tree; fast where nothing has changed."""
-    # One name, so that the image has the same identity each time.
-    command = ["docker", "compose", "build", "--quiet", "demo-world-enhanced"]
+def build(stanza: str, tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Build the image of a stanza from this working tree; fast where nothing has changed."""
+    command = ["docker", "compose", "build", "--quiet", stanza]
     # Two workers that build at the same time make two images, and the second takes the name of the
     # first away from the containers that run by then.
     with (tmp_path_factory.getbasetemp().parent / "image.lock").open("w") as lock:
@@ -23,7 +21,21 @@ def image(tmp_path_factory: pytest.TempPathFactory) -> str:
             command, cwd=ROOT, capture_output=True, text=True, timeout=1200, check=False
         )
     assert built.returncode == 0, f"the image cannot be built (is Docker running?)\n{built.stderr}"
+
+
+@pytest.fixture(scope="session")
+def image(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The image of all services."""
+    # One name, so that the image has the same identity each time.
+    build("demo-world-enhanced", tmp_path_factory)
     return "mazebot"
+
+
+@pytest.fixture(scope="session")
+def bridge_image(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The image of the bridge to DDS."""
+    build("ros2-bridge", tmp_path_factory)
+    return "mazebot-ros2"
 
 
 @pytest.fixture(scope="session")

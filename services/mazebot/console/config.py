@@ -3,18 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
-from pydantic import BeforeValidator, Field, field_validator
+from pydantic import Field, field_validator
 
-from mazebot.common.config import PlainText, ServiceConfig
-
-
-def _listed(value: object) -> object:
-    """The names in a text with commas, as flags and the environment give it."""
-    if isinstance(value, str):
-        return tuple(name.strip() for name in value.split(",") if name.strip())
-    return value
+from mazebot.common.config import Names, ServiceConfig
 
 
 class ConsoleConfig(ServiceConfig):
@@ -30,7 +23,7 @@ class ConsoleConfig(ServiceConfig):
     recordings_dir: Path = Field(
         Path("recordings"), description="folder whose runs are shown, one subfolder each"
     )
-    hosts: Annotated[tuple[str, ...], PlainText, BeforeValidator(_listed)] = Field(
+    hosts: Names = Field(
         (),
         description="names, with commas, by which browsers may reach the pages, besides localhost "
         "and the address in `bind`",

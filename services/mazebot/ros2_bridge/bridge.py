@@ -16,7 +16,7 @@ from typing import Any, cast
 import zenoh
 
 from mazebot.common.bus.attachment import pack_ros_attachment
-from mazebot.common.bus.liveliness import GraphNode
+from mazebot.common.bus.liveliness import GraphNode, watch_endpoints
 from mazebot.common.bus.subscriber import subscribe_samples
 from mazebot.common.messages import wire
 from mazebot.common.messages.keys import (
@@ -37,13 +37,11 @@ from mazebot.common.ros.actions import ACTIONS
 from mazebot.common.ros.interfaces import interfaces
 from mazebot.common.ros.table import ROS_SERVICES
 from mazebot.ros2_bridge.config import NAME, Ros2BridgeConfig, is_allowed
-from mazebot.ros2_bridge.dds import Close, Dds, Respond, Values, class_of, qos
+from mazebot.ros2_bridge.dds import DEPTH, Close, Dds, Respond, Values, class_of, qos
 from mazebot.ros2_bridge.from_dds import FromDds
 
 LONGEST_CALL_S = 30 * 24 * 3600.0
 """A request for the result of a goal is answered when it has ended."""
-_DEPTH = 10
-
 _SERVICE_TYPES = {
     **{service.name: service.type for service in ROS_SERVICES},
     **{name: kind for action in ACTIONS for name, kind in action.services.items()},
@@ -81,15 +79,13 @@ class Bridge:
                 self._heard[0].hear(topic, own)
                 for type_name in other_types:
                     self._heard[1].hear(topic, type_name)
-        self._tokens = session.liveliness().declare_subscriber(
-            keys.domain_tokens,
-            cast("Any", zenoh.handlers.Callback(self._on_token, indirect=False)),
-            history=True,
+        self._tokens = watch_endpoints(
+            session, keys.domain_tokens, self._on_change, keys, of_others=True
         )
 
     def close(self) -> None:
         """Withdraw all from both sides. Not on the thread of DDS."""
-        self._tokens.undeclare()  # type: ignore[no-untyped-call]
+        self._tokens.undeclare()
         for heard in self._heard:
             heard.close()
         self._dds.done(self._end)
@@ -99,12 +95,7 @@ class Bridge:
         while self._carried:
             self._carried.popitem()[1].close()
 
-    def _on_token(self, sample: zenoh.Sample) -> None:
-        token = str(sample.key_expr)
-        endpoint = self._keys.endpoint(token)
-        if endpoint is None or str(self._session.zid()) in token.split("/", 4):
-            return
-        is_there = sample.kind == zenoh.SampleKind.PUT
+    def _on_change(self, endpoint: Endpoint, is_there: bool) -> None:
         self._dds.later(lambda: self._change(endpoint, is_there))
 
     def _change(self, endpoint: Endpoint, is_there: bool) -> None:
@@ -158,7 +149,7 @@ class Bridge:
         if not self._fits(endpoint, hash_of(endpoint.type_name)):
             return None
         # It stands for all publishers on the bus, each of which has a last message.
-        depth = max(topic.depth * len(topic.owners), _DEPTH)
+        depth = max(topic.depth * len(topic.owners), DEPTH)
         key = self._keys.of_topic(topic)
         node = self._dds.own_node
         return self._tell(node, endpoint, key, qos_of(topic), topic.delivery, topic.depth, depth)
@@ -172,7 +163,7 @@ class Bridge:
         key = self._keys.typed(name, type_name, type_hash)
         if name.endswith("/status"):
             return self._tell(endpoint.node, endpoint, key, LATCHED_QOS, Delivery.LATCHED, 1, 1)
-        return self._tell(endpoint.node, endpoint, key, RELIABLE_QOS, Delivery.LATEST, 1, _DEPTH)
+        return self._tell(endpoint.node, endpoint, key, RELIABLE_QOS, Delivery.LATEST, 1, DEPTH)
 
     def _tell(
         self,

@@ -3,25 +3,15 @@
 from __future__ import annotations
 
 from fnmatch import fnmatchcase
-from typing import Annotated, Literal
+from typing import Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import Field
 
-from mazebot.common.config import PlainText, ServiceConfig
+from mazebot.common.config import Names, ServiceConfig
 from mazebot.common.messages.topics import EDGE, TOPICS
-
-
-def _listed(value: object) -> object:
-    """The names in a text with commas, as flags and the environment give it."""
-    if isinstance(value, str):
-        return tuple(name.strip() for name in value.split(",") if name.strip())
-    return value
-
 
 NAME = "ros2_bridge"
 """Of the service, its section of settings and its node."""
-
-_Names = Annotated[tuple[str, ...], PlainText, BeforeValidator(_listed)]
 
 OF_USERS = tuple(topic.name for topic in TOPICS if EDGE in topic.owners)
 """The topics that the user's own tools publish."""
@@ -38,17 +28,17 @@ class Ros2BridgeConfig(ServiceConfig):
         description="where nodes are found, as ROS_AUTOMATIC_DISCOVERY_RANGE: on this machine "
         "alone, or in its network",
     )
-    to_ros: _Names = Field(
+    to_ros: Names = Field(
         ("*",),
         description="topics that nodes of ROS 2 hear, of those in docs/topics.md: names with "
         "commas, `*` is any part of a name",
     )
-    from_ros: _Names = Field(
+    from_ros: Names = Field(
         OF_USERS,
         description="topics that nodes of ROS 2 publish for Mazebot, as in `to_ros`: by default "
         "those of the user's own tools; for Nav2 in place of its navigation also /tf",
     )
-    services: _Names = Field(
+    services: Names = Field(
         ("*",),
         description="services and actions that nodes of ROS 2 may call, as in `to_ros`: the name "
         "of an action stands for all that it consists of",

@@ -32,6 +32,8 @@ from rclpy.serialization import deserialize_message
 from rclpy.type_support import check_is_valid_srv_type
 from rclpy.waitable import NumberOfEntities, Waitable
 
+DEPTH = 10
+"""Of a history, where nothing else is told: as in ROS 2."""
 _PATIENCE_S = 5.0
 """Within which the thread that spins comes to its next work."""
 

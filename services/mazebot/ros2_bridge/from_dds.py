@@ -15,9 +15,7 @@ from mazebot.common.bus.publisher import publish
 from mazebot.common.messages.keys import PUBLISHER, Keys, qos_of
 from mazebot.common.messages.topics import Delivery, Topic
 from mazebot.common.messages.type_hash import hash_of
-from mazebot.ros2_bridge.dds import Close, Dds, Writer, class_of, qos
-
-_DEPTH = 10
+from mazebot.ros2_bridge.dds import DEPTH, Close, Dds, Writer, class_of, qos
 
 
 class FromDds:
@@ -31,7 +29,7 @@ class FromDds:
     def hear(self, topic: Topic[Any], type_name: str) -> None:
         """Carry a topic, under its own type or another that it takes."""
         latched = topic.delivery is Delivery.LATCHED
-        profile = qos(_DEPTH, latched, reliable=topic.delivery is not Delivery.LATEST)
+        profile = qos(DEPTH, latched, reliable=topic.delivery is not Delivery.LATEST)
 
         def receive(data: bytes, writer: Writer) -> None:
             on_bus = self._writers.get(writer.gid)

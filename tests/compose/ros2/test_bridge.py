@@ -54,16 +54,6 @@ HEARD = SCAN, ODOM, TF, JOINT_STATES, CAMERA_IMAGE, MAP, TF_STATIC, ROBOT_DESCRI
 
 
 @pytest.fixture(scope="module")
-def bridge_image() -> str:
-    command = ["docker", "compose", "build", "--quiet", "ros2-bridge"]
-    built = subprocess.run(
-        command, cwd=ROOT, capture_output=True, text=True, timeout=1200, check=False
-    )
-    assert built.returncode == 0, built.stderr
-    return IMAGE
-
-
-@pytest.fixture(scope="module")
 def stack(person: int, image: str, bridge_image: str) -> Iterator[Stack]:
     """A simulator with our navigation, which drives no tour."""
     with stack_of(person, {"ROS_DOMAIN_ID": str(DOMAIN)}) as stack:

@@ -19,7 +19,7 @@ from mazebot.common.bus.liveliness import (
     alive,
     alive_key,
     graph_name,
-    watch_publishers,
+    watch_endpoints,
     watch_sources,
 )
 from mazebot.common.bus.publisher import publish
@@ -163,7 +163,9 @@ class Bus:
 
             watched = [watch_sources(session, on_change, self._keys)]
             if self._keys.is_ros:
-                watched.append(watch_publishers(session, on_publisher, self._keys))
+                watched.append(
+                    watch_endpoints(session, self._keys.publisher_tokens, on_publisher, self._keys)
+                )
             return watched
 
         self.keep(declare)

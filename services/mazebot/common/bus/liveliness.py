@@ -152,23 +152,27 @@ class GraphNode:
             self._tokens.pop().undeclare()  # type: ignore[no-untyped-call]
 
 
-def watch_publishers(
+def watch_endpoints(
     session: zenoh.Session,
+    tokens: str,
     on_change: Callable[[Endpoint, bool], None],
     keys: Keys = DEFAULT_KEYS,
+    of_others: bool = False,
 ) -> Any:
-    """Call `on_change` with each publisher in ROS 2's graph, and whether it is present: now, and on
+    """Call `on_change` with each endpoint in ROS 2's graph, and whether it is present: now, and on
     every change. Keep a reference to the returned object. It runs on Zenoh's thread: it must only
-    store.
+    store. `tokens`: the key expression of their tokens; `of_others`: without those of this session.
     """
+    own = str(session.zid())
 
     def on_token(sample: zenoh.Sample) -> None:
-        endpoint = keys.endpoint(str(sample.key_expr))
-        if endpoint is not None:
+        token = str(sample.key_expr)
+        endpoint = keys.endpoint(token)
+        if endpoint is not None and not (of_others and own in token.split("/", 4)):
             on_change(endpoint, sample.kind == zenoh.SampleKind.PUT)
 
     return session.liveliness().declare_subscriber(
-        keys.publisher_tokens,
+        tokens,
         cast("Any", zenoh.handlers.Callback(on_token, indirect=False)),
         history=True,
     )
