@@ -46,7 +46,7 @@ sync = $(TELL) "installing the libraries of $2" "scripts/count-installed.sh $(UV
 	$(UV) pip sync --quiet --python $1/bin/python --require-hashes $2
 SOURCES := services tests examples docker
 
-.PHONY: help env demo slam demo-original up down goal recordings console view docs test test-slow test-ros2 test-compose check fix generate lock bench bench-nav bench-slam soak chaos fuzz seeds image clean
+.PHONY: help env demo slam demo-original up down goal recordings console view docs test test-slow test-ros2 test-browser test-compose check fix generate lock bench bench-nav bench-slam soak chaos fuzz seeds image clean
 
 help: ## print the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## /{printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -116,9 +116,12 @@ test: $(STAMP) ## run the tests: no Docker, no network, no GPU
 test-slow: $(STAMP) ## run the long tests: every world driven, two hundred mazes
 	@.venv/bin/pytest -n 2 --dist loadgroup --no-loadscope-reorder -m slow
 
-# The tests of containers build the image, while another worker runs those of the browser.
-test-compose: $(STAMP) ## run the tests of the containers (Docker) and of the viewer (Chromium)
-	@.venv/bin/pytest -n 2 --dist loadfile -m "(compose or browser) and not timed" --timeout 900 tests/compose tests/browser
+# Not beside those of the containers: Chromium gives up what it loads when a network is made or removed.
+test-browser: $(STAMP) ## run the tests of the console and the viewer in a browser (Chromium)
+	@.venv/bin/pytest -n 2 --dist loadfile -m browser --timeout 900 tests/browser
+
+test-compose: $(STAMP) ## run the tests of the containers (Docker)
+	@.venv/bin/pytest -n 2 --dist loadfile -m "compose and not timed" --timeout 900 tests/compose
 	@.venv/bin/pytest -n 0 -m timed --timeout 900 tests/compose
 
 test-ros2: $(STAMP) .venv-ros2/.installed ## run the tests against what others wrote for ROS 2: clients, type hashes

@@ -308,3 +308,34 @@ def test_without_scripts_all_but_plots_and_viewer_works(served: Served, browser:
     page.get_by_role("button", name="Save").click()
     expect(page.locator("[name=note]")).to_have_value("by hand")
     context.close()
+
+
+@pytest.mark.parametrize("lost", ["**/static/runs.js", "**/static/console.css"])
+def test_a_page_of_which_a_part_did_not_come_is_loaded_again(
+    served: Served, page: Page, lost: str
+) -> None:
+    # As a browser says where the machine's networks change meanwhile.
+    page.route(lost, lambda route: route.abort("internetdisconnected"), times=2)
+    loads: list[str] = []
+    page.on("load", lambda _: loads.append(page.url))
+    page.goto(f"{served.url}/runs")
+    end_s = time.monotonic() + _PATIENCE_S
+    while len(loads) < 3:
+        assert time.monotonic() < end_s, loads
+        page.wait_for_timeout(50.0)
+    assert page.get_by_role("alert").count() == 0
+    # Whole at last, it stays.
+    page.wait_for_timeout(1500.0)
+    assert len(loads) == 3
+    assert not page.evaluate("Object.keys(sessionStorage).some((key) => key.startsWith('loads'))")
+
+
+def test_a_page_that_is_never_whole_says_what_did_not_load(served: Served, page: Page) -> None:
+    page.route("**/static/runs.js", lambda route: route.abort("internetdisconnected"))
+    loads: list[str] = []
+    page.on("load", lambda _: loads.append(page.url))
+    page.goto(f"{served.url}/runs")
+    told = page.get_by_role("alert")
+    told.wait_for(timeout=60_000.0)
+    assert "/static/runs.js did not load" in told.inner_text()
+    assert len(loads) <= 5

@@ -12,6 +12,7 @@ from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, JSONResponse, Response
 
+from mazebot.console.loading import LOADING_SCRIPT
 from mazebot.console.security import is_of_script
 
 HERE = Path(__file__).parent
@@ -62,7 +63,7 @@ TEMPLATES = jinja2.Environment(
     trim_blocks=True,
     lstrip_blocks=True,
 )
-TEMPLATES.globals["zip"] = zip
+TEMPLATES.globals.update(zip=zip, loading_script=LOADING_SCRIPT)
 TEMPLATES.filters.update(
     size=size, seconds=seconds, metres=metres, millimetres=millimetres, in_words=in_words
 )

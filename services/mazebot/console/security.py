@@ -18,6 +18,7 @@ from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from mazebot.console.config import ConsoleConfig
+from mazebot.console.loading import LOADING_SOURCE
 
 LOGGER = logging.getLogger("console")
 
@@ -30,7 +31,7 @@ _ANY_ADDRESS = ("0.0.0.0", "::")
 
 _POLICY = {
     "default-src": "'none'",
-    "script-src": "'self'",
+    "script-src": f"'self' {LOADING_SOURCE}",
     "style-src": "'self'",
     "img-src": "'self' data: blob:",
     "font-src": "'self'",

@@ -14,6 +14,7 @@ from starlette.responses import Response
 from starlette.routing import Route
 
 from mazebot.console.file_answer import FileAnswer
+from mazebot.console.loading import LOADING_SOURCE
 from mazebot.console.security import address_of, content_policy
 
 SCRIPT = "widget.js"
@@ -59,7 +60,7 @@ def viewer_policy(live_data: str) -> str:
     """
     live = f" http://{live_data}" if live_data else ""
     return content_policy(
-        script_src="'self' 'wasm-unsafe-eval'",
+        script_src=f"'self' {LOADING_SOURCE} 'wasm-unsafe-eval'",
         style_src_attr="'unsafe-inline'",
         connect_src=f"'self' data: blob:{live}",
         worker_src="'self' blob:",

@@ -28,24 +28,24 @@ CRATE = {
 class User(Node):  # type: ignore[misc]
     """Someone's own node."""
 
-    def wait(self, condition: Callable[[], bool]) -> None:
+    def wait(self, condition: Callable[[], bool], wanted: str) -> None:
         """Spin until a condition holds."""
         end_s = time.monotonic() + DEADLINE_S
         while not condition():
             if time.monotonic() > end_s:
-                sys.exit(f"not within {DEADLINE_S:g} s")
+                sys.exit(f"{wanted}: not within {DEADLINE_S:g} s")
             rclpy.spin_once(self, timeout_sec=0.1)
 
-    def result(self, future: Any) -> Any:
+    def result(self, future: Any, wanted: str) -> Any:
         """What a future gives."""
-        self.wait(future.done)
+        self.wait(future.done, wanted)
         return future.result()
 
     def call(self, kind: Any, name: str, /, **fields: Any) -> Any:
         """The response of a service."""
         client = self.create_client(kind, name)
         assert client.wait_for_service(DEADLINE_S), name
-        return self.result(client.call_async(kind.Request(**fields)))
+        return self.result(client.call_async(kind.Request(**fields)), f"the response of {name}")
 
     def drive(
         self, actions: ActionClient[Any, Any, Any], x_m: float, y_m: float, cancels: bool = False
@@ -59,14 +59,15 @@ class User(Node):  # type: ignore[misc]
         handle = self.result(
             actions.send_goal_async(
                 goal, lambda message: distances.append(message.feedback.distance_remaining)
-            )
+            ),
+            f"whether the goal {x_m, y_m} is accepted",
         )
         ended = handle.get_result_async()
         canceling = None
         if cancels:
-            self.wait(lambda: len(distances) > 3)
-            canceling = self.result(handle.cancel_goal_async()).return_code
-        found = self.result(ended)
+            self.wait(lambda: len(distances) > 3, "feedback")
+            canceling = self.result(handle.cancel_goal_async(), "canceling").return_code
+        found = self.result(ended, f"the result of the goal {x_m, y_m}, {distances[-3:]} m before")
         return {
             "accepted": handle.accepted,
             "canceling": canceling,
