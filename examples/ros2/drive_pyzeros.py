@@ -1,7 +1,7 @@
 """Drives the robot of `docker compose up simulator-enhanced` to a place, with pyzeros: no ROS 2.
 
     pip install pyzeros==0.1.0 ros2-pyterfaces==0.3.0 eclipse-zenoh==1.6.2
-    python drive_pyzeros.py 0.9 0.4 [tcp/127.0.0.1:7447]
+    python drive_pyzeros.py 0.4 -0.8 [tcp/127.0.0.1:7447]
 
 X and Y in metres in the frame `odom`, which begins where the robot stood. the router's endpoint.
 """

@@ -1,6 +1,6 @@
 """Drives the robot of `docker compose up simulator-enhanced ros2-bridge` to a place, with rclpy:
 
-    python3 drive_rclpy.py 0.9 0.4
+    python3 drive_rclpy.py 0.4 -0.8
 
 X and Y in metres in the frame `odom`, which begins where the robot stood.
 """

@@ -20,7 +20,7 @@ from tests.docs.stack import running_stack
 from tests.ros2.environment import FOLDER
 
 pytestmark = [pytest.mark.ros2, pytest.mark.timeout(180)]
-GOAL_M = (0.9, 0.4)
+GOAL_M = (0.4, -0.8)
 
 
 def test_it_drives_to_a_place() -> None:

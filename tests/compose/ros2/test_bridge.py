@@ -9,6 +9,7 @@ import math
 import os
 import signal
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -109,7 +110,7 @@ def said(process: subprocess.Popen[str], timeout_s: float = 120.0) -> str:
 
 
 def test_the_example_drives_to_a_place(stack: Stack) -> None:
-    goal_m = (0.9, 0.4)
+    goal_m = (0.4, -0.8)
     places: list[Any] = []
 
     def on_sample(sample: zenoh.Sample) -> None:
@@ -125,7 +126,12 @@ def test_the_example_drives_to_a_place(stack: Stack) -> None:
 @pytest.fixture(scope="module")
 def commanded(stack: Stack) -> dict[str, Any]:
     """What a node has found that has asked for everything."""
-    found: dict[str, Any] = json.loads(said(started(SCRIPTS / "commands.py"), 180.0))
+    try:
+        found: dict[str, Any] = json.loads(said(started(SCRIPTS / "commands.py"), 180.0))
+    finally:
+        # Shown where a test fails.
+        for service in ("navigation", "localization", "physics"):
+            sys.stdout.write(stack.logs(service))
     return found
 
 

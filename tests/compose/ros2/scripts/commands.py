@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import Any
 
 import rclpy
+from geometry_msgs.msg import PoseStamped
 from nav2_msgs.action import NavigateToPose
 from nav2_msgs.srv import ClearEntireCostmap
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
@@ -19,8 +20,8 @@ from rclpy.node import Node
 from simulation_interfaces.srv import GetEntities, SetSimulationState, SpawnEntity
 
 DEADLINE_S = 100.0
-CRATE = {
-    "kind": "body", "name": "crate", "position_m": [6.2, 5.0, 0.15],
+CRATE: dict[str, Any] = {
+    "kind": "body", "name": "crate", "position_m": [-1.6, -1.1, 0.15],
     "shapes": [{"name": "box", "geometry": {"kind": "box", "size_m": [0.2, 0.2, 0.3]}}],
 }  # fmt: skip
 
@@ -65,7 +66,7 @@ class User(Node):  # type: ignore[misc]
         ended = handle.get_result_async()
         canceling = None
         if cancels:
-            self.wait(lambda: len(distances) > 3, "feedback")
+            self.wait(lambda: len(distances) > 3 or ended.done(), "feedback")
             canceling = self.result(handle.cancel_goal_async(), "canceling").return_code
         found = self.result(ended, f"the result of the goal {x_m, y_m}, {distances[-3:]} m before")
         return {
@@ -87,8 +88,14 @@ def main() -> None:
     assert actions.wait_for_server(DEADLINE_S)
     costmap = "/global_costmap/clear_entirely_global_costmap"
     found["cleared"] = str(user.call(ClearEntireCostmap, costmap))
+    place = PoseStamped()
+    place.pose.position.x, place.pose.position.y, place.pose.position.z = CRATE["position_m"]
     spawned = user.call(
-        SpawnEntity, "/spawn_entity", name="crate", resource_string=json.dumps(CRATE)
+        SpawnEntity,
+        "/spawn_entity",
+        name="crate",
+        resource_string=json.dumps(CRATE),
+        initial_pose=place,
     )
     found["spawned"] = [spawned.result.result, spawned.result.error_message]
     found["entities"] = list(user.call(GetEntities, "/get_entities").entities)
@@ -120,7 +127,7 @@ def main() -> None:
     os._exit(0)
 
 
-GOAL = (0.5, -0.9)
+GOAL = (0.0, 0.0)
 
 if __name__ == "__main__":
     main()
