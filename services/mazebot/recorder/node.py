@@ -10,8 +10,10 @@ from collections.abc import Callable, Collection
 from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
+from mazebot.common.config import ConfigError
 from mazebot.common.messages import documents as doc
 from mazebot.common.messages import wire
+from mazebot.common.messages.action_documents import SaveMap, SaveMapReply
 from mazebot.common.messages.pending_image import PendingImage
 from mazebot.common.messages.topics import (
     ACTION_RESULT,
@@ -29,6 +31,7 @@ from mazebot.common.messages.topics import (
     PARAMETERS,
     POSE_GRAPH,
     ROSOUT,
+    SAVE_MAP,
     SIMULATION_STATS,
     TF,
     TF_STATIC,
@@ -49,6 +52,7 @@ from mazebot.recorder.keeping.closing import Closings, delete_old_runs
 from mazebot.recorder.keeping.progress import Progress
 from mazebot.recorder.keeping.repair import Repair, interrupted
 from mazebot.recorder.keeping.run.judge import JUDGED
+from mazebot.recorder.keeping.run.map_folder import SAVED_MAPS, save_map
 from mazebot.recorder.keeping.run.run import Run
 from mazebot.recorder.keeping.run.setting import Setting
 from mazebot.recorder.keeping.versions import hardware, versions
@@ -250,6 +254,8 @@ class RecorderNode(Node):
             self._begin(self._run.world, now_ns)
             for topic, taken in later:
                 self._take(topic, taken, now_ns)
+        for wanted in inbox.requests(SAVE_MAP):
+            wanted.respond(self._save_map(wanted.message))
         if self._run is None:
             return
         self._run.tick(now_ns, inbox.counts)
@@ -259,6 +265,22 @@ class RecorderNode(Node):
             evaluation = self._run.evaluation()
             self._run.show(evaluation)
             outbox.put(EVALUATION, evaluation)
+
+    def _save_map(self, wanted: SaveMap) -> SaveMapReply:
+        grid = self._setting.fixed.get(MAP)
+        try:
+            if wanted.topic.strip("/") != MAP.name.strip("/"):
+                raise ConfigError(f"topic: {wanted.topic!r:.80}: must be {MAP.name}")
+            if self._run is None or grid is None or not grid.data.size:
+                raise ConfigError(f"waiting for {'a world' if self._run is None else 'a map'}")
+            if self._run.folder.is_gone:
+                raise ConfigError(f"{self._run.folder.path}: the folder of the run was removed")
+            path = save_map(self._run.folder.path / SAVED_MAPS, grid, wanted)
+        except ConfigError as error:
+            _LOG.error("/map_saver/save_map: the map was not saved: %s", error)
+            return SaveMapReply(error=str(error))
+        _LOG.info("Map saved to %s", path)
+        return SaveMapReply(path=str(path))
 
     def close(self) -> None:
         """End the run: its summary is written, and all recordings are closed."""

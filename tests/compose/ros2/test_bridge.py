@@ -39,6 +39,7 @@ from mazebot.common.messages.topics import (
     Delivery,
     Topic,
 )
+from mazebot.common.world.map_files import read_map
 from tests.compose.motion import Witness
 from tests.compose.stack import Stack, docker, stack_of, wait_until
 
@@ -135,7 +136,10 @@ def commanded(stack: Stack) -> dict[str, Any]:
     return found
 
 
-def test_services_answer(commanded: dict[str, Any]) -> None:
+def test_services_answer(stack: Stack, commanded: dict[str, Any]) -> None:
+    assert commanded["saved"] is True
+    (file,) = stack.recordings.glob("*/saved_maps/kitchen.yaml")
+    assert read_map(file).cells.size > 1000
     assert "ClearEntireCostmap_Response" in commanded["cleared"]
     assert commanded["spawned"] == [1, ""]
     assert "crate" in commanded["entities"]

@@ -23,7 +23,13 @@ from mazebot.common.recordings.run_folder import (
 )
 from mazebot.common.recordings.series import RunSeries
 from mazebot.common.recordings.summary import RunSummary
-from mazebot.recorder.keeping.run.map_folder import MAP_FOLDER, MAP_NAME, MARKERS, POSE_GRAPH_FILE
+from mazebot.recorder.keeping.run.map_folder import (
+    MAP_FOLDER,
+    MAP_NAME,
+    MARKERS,
+    POSE_GRAPH_FILE,
+    SAVED_MAPS,
+)
 
 _HEAD = """# Recordings: what a run leaves
 
@@ -81,13 +87,14 @@ _FILES = (
         f"`{MAP_NAME}.pgm` for Nav2's map_server, the markers in `{MARKERS}`, and the pose graph "
         f"in `{POSE_GRAPH_FILE}`; each is at most 5 s old at any time of the run",
     ),
+    (SAVED_MAPS, "the maps that `/map_saver/save_map` was asked for ([ROS 2](ros2.md#services))"),
 )
 
 _VIEWER = f"""
 `{SUMMARY}` and `{SERIES}` are rewritten every 5 s during the run, and at its end; `{REPORT}` and
 `{THUMBNAIL}` are written at the end. Without recording (`--no-record`) only `{SUMMARY}`,
-`{SERIES}`, `{CONFIG}` and `{MAP_FOLDER}` are written. While its recorder is alive, the folder also
-contains a locked file `{LOCK}`.
+`{SERIES}`, `{CONFIG}`, `{MAP_FOLDER}` and `{SAVED_MAPS}` are written. While its recorder is
+alive, the folder also contains a locked file `{LOCK}`.
 
 ## Commands
 

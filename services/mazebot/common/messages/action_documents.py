@@ -227,6 +227,26 @@ class LoadMapReply(Document):
     error: str = ""
 
 
+class SaveMap(Document):
+    """Requests that the map be written as map_server reads it, in the folder of the run."""
+
+    topic: str = Field("/map", description="no other is written")
+    name: str = Field(description="of the YAML file, without folders and without its ending")
+    image_format: str = Field("pgm", description="pgm, png or bmp")
+    mode: str = Field("trinary", description="trinary, scale or raw")
+    free_thresh: float = Field(0.25, description="trinary: occupancy up to which a cell is free")
+    occupied_thresh: float = Field(
+        0.65, description="trinary: occupancy from which a cell is occupied"
+    )
+
+
+class SaveMapReply(Document):
+    """The YAML file where the recorder sees it, or why there is none."""
+
+    path: str = ""
+    error: str = ""
+
+
 class WaypointStatus(Document):
     """One waypoint's status."""
 

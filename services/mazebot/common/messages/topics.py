@@ -427,6 +427,10 @@ LOAD_MAP = Query(
     "/map_server/load_map", act.LoadMap, act.LoadMapReply, "worldgen",
     "load a map and publish it on `/map`",
 )  # fmt: skip
+SAVE_MAP = Query(
+    "/map_saver/save_map", act.SaveMap, act.SaveMapReply, "recorder",
+    "write the map to the folder of the run",
+)  # fmt: skip
 CLEAR_COSTMAP = Query(
     "/clear_costmap", act.ClearCostmap, act.Reply, "navigation", "clear obstacles from a costmap"
 )

@@ -52,6 +52,8 @@ KILTED: Final[dict[str, str]] = {
     "rcl_interfaces/srv/SetParametersAtomically": "Parameter[] parameters\n---\n"
     "SetParametersResult result\n",
     "nav2_msgs/srv/LoadMap": "string map_url\n---\nnav_msgs/OccupancyGrid map\nuint8 result\n",
+    "nav2_msgs/srv/SaveMap": "string map_topic\nstring map_url\nstring image_format\n"
+    "string map_mode\nfloat32 free_thresh\nfloat32 occupied_thresh\n---\nbool result\n",
     "nav2_msgs/srv/ClearEntireCostmap": "std_msgs/Empty request\n---\nstd_msgs/Empty response\n",
     "nav2_msgs/msg/WaypointStatus": "uint8 waypoint_status\nuint32 waypoint_index\n"
     f"geometry_msgs/PoseStamped waypoint_pose\n{_ERROR}",

@@ -14,6 +14,7 @@ from mazebot.common.messages.topics import (
     CLEAR_COSTMAP,
     LOAD_MAP,
     REINITIALIZE_GLOBAL_LOCALIZATION,
+    SAVE_MAP,
 )
 from mazebot.common.node.node import Node
 from mazebot.common.ros.call import Handle, Response, Service, Steps, answered
@@ -58,6 +59,25 @@ def _load_map(request: Any, _: Node) -> Steps:
     return {"result": 0, "map": grid}
 
 
+def _save_map(request: Any, _: Node) -> Steps:
+    """What is empty or 0 has the value that Nav2's map_saver takes then."""
+    given = {
+        "topic": request.map_topic,
+        "image_format": request.image_format,
+        "mode": request.map_mode,
+        "free_thresh": request.free_thresh,
+        "occupied_thresh": request.occupied_thresh,
+    }
+    reply = yield (
+        SAVE_MAP,
+        act.SaveMap(
+            name=request.map_url.removesuffix(".yaml"),
+            **{field: value for field, value in given.items() if value},
+        ),
+    )
+    return {"result": not reply.error}
+
+
 def _get_state(_: Any, node: Node) -> Response:
     active = node.waiting_for() is None
     label = "active" if active else "inactive"
@@ -89,6 +109,10 @@ NAVIGATION_SERVICES: Final = (
     Service(
         "/map_server/load_map", "nav2_msgs/srv/LoadMap", "worldgen", _load_map,
         "load a map of a file and publish it on `/map`",
+    ),
+    Service(
+        "/map_saver/save_map", "nav2_msgs/srv/SaveMap", "recorder", _save_map,
+        "write `/map` to the folder of the run",
     ),
     Service(
         "/reinitialize_global_localization", "std_srvs/srv/Empty", "localization", _reinitialize,

@@ -175,6 +175,23 @@ def write_map(
     return path
 
 
+def trinary_cells(cells: Cells, free_thresh: float, occupied_thresh: float) -> Cells:
+    """Cells of a map as free (0), occupied (100) or unknown (-1), as map_saver's mode trinary takes
+    them: free up to 100 * `free_thresh`, occupied from 100 * `occupied_thresh`, both rounded.
+
+    Raises ConfigError where the thresholds are not 0 <= free < occupied <= 1.
+    """
+    if not 0.0 <= free_thresh < occupied_thresh <= 1.0:
+        raise ConfigError(
+            f"free_thresh, occupied_thresh: {free_thresh:g}, {occupied_thresh:g}: must be "
+            "0 <= free_thresh < occupied_thresh <= 1"
+        )
+    found = np.full(cells.shape, -1, np.int8)
+    found[(cells >= 0) & (cells <= round(100.0 * free_thresh))] = 0
+    found[cells >= round(100.0 * occupied_thresh)] = 100
+    return found
+
+
 def _shortest(value: float) -> str:
     """A number; one of single precision, as in a message, by the digits that it has."""
     single = np.float32(value)

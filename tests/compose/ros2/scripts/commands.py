@@ -12,7 +12,7 @@ from typing import Any
 import rclpy
 from geometry_msgs.msg import PoseStamped
 from nav2_msgs.action import NavigateToPose
-from nav2_msgs.srv import ClearEntireCostmap
+from nav2_msgs.srv import ClearEntireCostmap, SaveMap
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.action import ActionClient
@@ -88,6 +88,8 @@ def main() -> None:
     assert actions.wait_for_server(DEADLINE_S)
     costmap = "/global_costmap/clear_entirely_global_costmap"
     found["cleared"] = str(user.call(ClearEntireCostmap, costmap))
+    saved = user.call(SaveMap, "/map_saver/save_map", map_topic="map", map_url="kitchen")
+    found["saved"] = saved.result
     place = PoseStamped()
     place.pose.position.x, place.pose.position.y, place.pose.position.z = CRATE["position_m"]
     spawned = user.call(
