@@ -1,5 +1,6 @@
 """Writes and builds the message packages that have no wheel: nav2_msgs, simulation_interfaces,
-tf2_msgs, vision_msgs. Their definitions are those from which the type hashes are computed.
+slam_toolbox, tf2_msgs, vision_msgs. Their definitions are those from which the type hashes are
+computed.
 
 `python docker/ros2/packages.py DISTRO`, in an environment with the wheels of
 requirements-bridge.lock, installs them into that environment. Needs g++.

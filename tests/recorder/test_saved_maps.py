@@ -15,9 +15,12 @@ from mazebot.common.messages import messages as msg
 from mazebot.common.messages.action_documents import SaveMap, SaveMapReply
 from mazebot.common.messages.topics import MAP, SAVE_MAP
 from mazebot.common.world.map_files import read_map
+from mazebot.common.world.marker_file import read_markers
+from mazebot.mapping.graph.graph_file import load_graph
 from mazebot.recorder.config import RecorderConfig
 from mazebot.recorder.node import RecorderNode
 from tests.recorder.synthetic import Bench, Said, WallClock, driving, opening, room
+from tests.recorder.test_mapping_run import exploring, slam_room, without_map
 
 CELLS = np.array([[0, 100, -1, 20], [24, 25, 64, 66]], np.int8)
 
@@ -40,24 +43,29 @@ def bench(empty: Bench) -> Bench:
     return empty
 
 
-def saved(bench: Bench, **fields: Any) -> SaveMapReply:
+def saved(bench: Bench, at_ns: int = 700_000_000, **fields: Any) -> SaveMapReply:
     replies: list[SaveMapReply] = []
     assert bench.inbox.ask(SAVE_MAP, SaveMap(**fields), replies.append)
-    bench.step(700_000_000)
+    bench.step(at_ns)
     (reply,) = replies
     return reply
 
 
 def test_it_is_written_as_map_saver_does(bench: Bench, tmp_path: Path) -> None:
     reply = saved(bench, name="kitchen")
-    assert (reply.path, reply.error) == (str(tmp_path / "run" / "saved_maps" / "kitchen.yaml"), "")
-    assert read_map(Path(reply.path)).cells.tolist() == [[0, 100, -1, 0], [0, 0, -1, 100]]
+    folder = tmp_path / "run" / "saved_maps"
+    assert reply.files == (str(folder / "kitchen.yaml"), str(folder / "kitchen.pgm"))
+    assert (reply.result, reply.error) == (0, "")
+    assert read_map(folder / "kitchen.yaml").cells.tolist() == [[0, 100, -1, 0], [0, 0, -1, 100]]
 
 
 def test_thresholds_say_what_is_free_and_what_is_occupied(bench: Bench) -> None:
     # Of single precision, as in ROS 2's request.
-    few = {"free_thresh": float(np.float32(0.2)), "occupied_thresh": float(np.float32(0.66))}
-    found = read_map(Path(saved(bench, name="strict", image_format="png", **few).path))
+    few: dict[str, Any] = {
+        "free_thresh": float(np.float32(0.2)),
+        "occupied_thresh": float(np.float32(0.66)),
+    }
+    found = read_map(Path(saved(bench, name="strict", image_format="png", **few).files[0]))
     assert found.cells.tolist() == [[0, 100, -1, 0], [-1, -1, -1, 100]]
 
 
@@ -70,6 +78,7 @@ def test_thresholds_say_what_is_free_and_what_is_occupied(bench: Bench) -> None:
         ({"name": "a", "mode": "quaternary"}, "must be trinary, scale or raw"),
         ({"name": "a", "image_format": "jpeg"}, "must be pgm, png or bmp"),
         ({"name": "a", "free_thresh": 0.7}, "must be 0 <= free_thresh < occupied_thresh <= 1"),
+        ({"name": "a", "needs_pose_graph": True}, "there is no pose graph"),
         ({"name": "a", "topic": "/global_costmap/costmap"}, "must be /map"),
     ],
 )
@@ -77,7 +86,7 @@ def test_what_cannot_be_written_is_refused(
     bench: Bench, tmp_path: Path, fields: dict[str, Any], words: str
 ) -> None:
     reply = saved(bench, **fields)
-    assert reply.path == ""
+    assert (reply.files, reply.result) == ((), 255)
     assert words in reply.error
     assert "\n" not in reply.error
     assert not (tmp_path / "run" / "saved_maps").exists()
@@ -86,10 +95,25 @@ def test_what_cannot_be_written_is_refused(
 
 
 def test_without_a_run_there_is_no_map(empty: Bench) -> None:
-    assert saved(empty, name="kitchen").error == "waiting for a world"
+    reply = saved(empty, name="kitchen")
+    assert (reply.result, reply.error) == (1, "waiting for a world")
 
 
 def test_a_run_that_was_removed_does_not_come_back(bench: Bench, tmp_path: Path) -> None:
     shutil.rmtree(tmp_path / "run")
     assert "was removed" in saved(bench, name="kitchen").error
     assert not (tmp_path / "run").exists()
+
+
+def test_where_the_robot_makes_the_map_its_pose_graph_is_saved_too(
+    empty: Bench, tmp_path: Path
+) -> None:
+    world = slam_room()
+    empty.say(without_map(world))
+    empty.say(exploring(world))
+    reply = saved(empty, 4_100_000_000, name="made", needs_pose_graph=True)
+    folder = tmp_path / "run" / "saved_maps"
+    names = ("made.yaml", "made.pgm", "made.pose_graph.json", "made.markers.yaml")
+    assert reply.files == tuple(str(folder / name) for name in names)
+    assert len(load_graph(folder / "made.pose_graph.json").nodes) == 2
+    assert len(read_markers(folder / "made.markers.yaml", ())) == 1

@@ -45,6 +45,7 @@ from mazebot.common.messages.topics import (
 from mazebot.common.node.frame_tree import FrameNames, FrameTree
 from mazebot.common.node.node import Envelope, Inbox, Node, Outbox, Received
 from mazebot.common.recordings.run_folder import RunFolder, check_free, check_writable
+from mazebot.common.recordings.saved_map import save_map
 from mazebot.common.world.assets import assets_of
 from mazebot.recorder.config import RecorderConfig
 from mazebot.recorder.keeping.beginnings import Beginnings
@@ -52,7 +53,7 @@ from mazebot.recorder.keeping.closing import Closings, delete_old_runs
 from mazebot.recorder.keeping.progress import Progress
 from mazebot.recorder.keeping.repair import Repair, interrupted
 from mazebot.recorder.keeping.run.judge import JUDGED
-from mazebot.recorder.keeping.run.map_folder import SAVED_MAPS, save_map
+from mazebot.recorder.keeping.run.map_folder import SAVED_MAPS
 from mazebot.recorder.keeping.run.run import Run
 from mazebot.recorder.keeping.run.setting import Setting
 from mazebot.recorder.keeping.versions import hardware, versions
@@ -267,20 +268,25 @@ class RecorderNode(Node):
             outbox.put(EVALUATION, evaluation)
 
     def _save_map(self, wanted: SaveMap) -> SaveMapReply:
-        grid = self._setting.fixed.get(MAP)
+        run, grid = self._run, self._setting.fixed.get(MAP)
+        reply = SaveMapReply()
         try:
             if wanted.topic.strip("/") != MAP.name.strip("/"):
                 raise ConfigError(f"topic: {wanted.topic!r:.80}: must be {MAP.name}")
-            if self._run is None or grid is None or not grid.data.size:
-                raise ConfigError(f"waiting for {'a world' if self._run is None else 'a map'}")
-            if self._run.folder.is_gone:
-                raise ConfigError(f"{self._run.folder.path}: the folder of the run was removed")
-            path = save_map(self._run.folder.path / SAVED_MAPS, grid, wanted)
+            if run is None or grid is None or not grid.data.size:
+                reply = SaveMapReply(result=1)
+                raise ConfigError(f"waiting for {'a world' if run is None else 'a map'}")
+            if run.folder.is_gone:
+                raise ConfigError(f"{run.folder.path}: the folder of the run was removed")
+            graph = self._setting.fixed.get(POSE_GRAPH) if run.world.slam else None
+            if graph is None and wanted.needs_pose_graph:
+                raise ConfigError("there is no pose graph: mapping makes one, in a run with slam")
+            files = save_map(run.folder.path / SAVED_MAPS, wanted, grid, graph)
         except ConfigError as error:
             _LOG.error("/map_saver/save_map: the map was not saved: %s", error)
-            return SaveMapReply(error=str(error))
-        _LOG.info("Map saved to %s", path)
-        return SaveMapReply(path=str(path))
+            return SaveMapReply(result=reply.result or 255, error=str(error))
+        _LOG.info("Map saved to %s", files[0])
+        return SaveMapReply(files=tuple(map(str, files)))
 
     def close(self) -> None:
         """End the run: its summary is written, and all recordings are closed."""

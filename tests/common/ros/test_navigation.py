@@ -10,12 +10,26 @@ import pytest
 from mazebot.common.messages.action_documents import SaveMap, SaveMapReply
 from mazebot.common.messages.topics import SAVE_MAP
 from mazebot.common.node.node import Node
+from mazebot.common.ros.call import Steps
 from mazebot.common.ros.table import services_of
 
 EMPTY = {
     "map_topic": "", "map_url": "", "image_format": "", "map_mode": "",
     "free_thresh": 0.0, "occupied_thresh": 0.0,
 }  # fmt: skip
+
+
+def asked_for(service_name: str, **fields: Any) -> Steps:
+    """How the recorder's service answers a request."""
+    (service,) = (one for one in services_of("recorder") if one.name == service_name)
+    return service.handle(SimpleNamespace(**fields), cast("Node", None))
+
+
+def response(steps: Steps, reply: SaveMapReply) -> object:
+    """The result after the query's reply."""
+    with pytest.raises(StopIteration) as ended:
+        steps.send(reply)
+    return ended.value.value["result"]
 
 
 @pytest.mark.parametrize(
@@ -35,10 +49,20 @@ EMPTY = {
 def test_a_map_is_saved_with_map_saver_s_values(
     given: dict[str, Any], asked: SaveMap, error: str, result: bool
 ) -> None:
-    (service,) = (one for one in services_of("recorder") if one.type.endswith("/SaveMap"))
-    assert service.name == "/map_saver/save_map"
-    steps = service.handle(SimpleNamespace(**EMPTY | given), cast("Node", None))
+    steps = asked_for("/map_saver/save_map", **EMPTY | given)
     assert next(steps) == (SAVE_MAP, asked)
-    with pytest.raises(StopIteration) as ended:
-        steps.send(SaveMapReply(error=error))
-    assert ended.value.value == {"result": result}
+    assert response(steps, SaveMapReply(result=255 if error else 0, error=error)) == result
+
+
+@pytest.mark.parametrize(("code", "result"), [(0, 0), (1, 1), (255, 255)])
+def test_a_map_is_saved_with_slam_toolbox_s_codes(code: Any, result: int) -> None:
+    steps = asked_for("/slam_toolbox/save_map", name=SimpleNamespace(data="kitchen"))
+    assert next(steps) == (SAVE_MAP, SaveMap(name="kitchen"))
+    assert response(steps, SaveMapReply(result=code)) == result
+
+
+@pytest.mark.parametrize(("code", "result"), [(0, 0), (1, 255), (255, 255)])
+def test_a_pose_graph_is_saved_where_there_is_one(code: Any, result: int) -> None:
+    steps = asked_for("/slam_toolbox/serialize_map", filename="kitchen")
+    assert next(steps) == (SAVE_MAP, SaveMap(name="kitchen", needs_pose_graph=True))
+    assert response(steps, SaveMapReply(result=code)) == result

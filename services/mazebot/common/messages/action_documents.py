@@ -228,7 +228,9 @@ class LoadMapReply(Document):
 
 
 class SaveMap(Document):
-    """Requests that the map be written as map_server reads it, in the folder of the run."""
+    """Requests that the map be written as map_server reads it, in the folder of the run; where the
+    robot makes the map, with its pose graph and markers.
+    """
 
     topic: str = Field("/map", description="no other is written")
     name: str = Field(description="of the YAML file, without folders and without its ending")
@@ -238,12 +240,18 @@ class SaveMap(Document):
     occupied_thresh: float = Field(
         0.65, description="trinary: occupancy from which a cell is occupied"
     )
+    needs_pose_graph: bool = Field(False, description="nothing is written where there is none")
 
 
 class SaveMapReply(Document):
-    """The YAML file where the recorder sees it, or why there is none."""
+    """The files where the recorder sees them, the YAML file first; or why there are none, with the
+    numbers of slam_toolbox/srv/SaveMap.
+    """
 
-    path: str = ""
+    files: tuple[str, ...] = ()
+    result: Literal[0, 1, 255] = Field(
+        0, description="0 success, 1 no map received, 255 undefined failure"
+    )
     error: str = ""
 
 

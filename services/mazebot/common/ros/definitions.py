@@ -54,6 +54,8 @@ KILTED: Final[dict[str, str]] = {
     "nav2_msgs/srv/LoadMap": "string map_url\n---\nnav_msgs/OccupancyGrid map\nuint8 result\n",
     "nav2_msgs/srv/SaveMap": "string map_topic\nstring map_url\nstring image_format\n"
     "string map_mode\nfloat32 free_thresh\nfloat32 occupied_thresh\n---\nbool result\n",
+    "slam_toolbox/srv/SaveMap": "std_msgs/String name\n---\nuint8 result\n",
+    "slam_toolbox/srv/SerializePoseGraph": "string filename\n---\nuint8 result\n",
     "nav2_msgs/srv/ClearEntireCostmap": "std_msgs/Empty request\n---\nstd_msgs/Empty response\n",
     "nav2_msgs/msg/WaypointStatus": "uint8 waypoint_status\nuint32 waypoint_index\n"
     f"geometry_msgs/PoseStamped waypoint_pose\n{_ERROR}",

@@ -20,6 +20,7 @@ from mazebot.common.node.node import Node
 from mazebot.common.ros.call import Handle, Response, Service, Steps, answered
 
 _MAP_DOES_NOT_EXIST, _INVALID_MAP_METADATA = 1, 3
+_FAILED_TO_WRITE_FILE = 255
 _INACTIVE, _ACTIVE = 2, 3
 
 
@@ -78,6 +79,16 @@ def _save_map(request: Any, _: Node) -> Steps:
     return {"result": not reply.error}
 
 
+def _save_slam_map(request: Any, _: Node) -> Steps:
+    reply = yield SAVE_MAP, act.SaveMap(name=request.name.data)
+    return {"result": reply.result}
+
+
+def _serialize_map(request: Any, _: Node) -> Steps:
+    reply = yield SAVE_MAP, act.SaveMap(name=request.filename, needs_pose_graph=True)
+    return {"result": _FAILED_TO_WRITE_FILE if reply.result else 0}
+
+
 def _get_state(_: Any, node: Node) -> Response:
     active = node.waiting_for() is None
     label = "active" if active else "inactive"
@@ -113,6 +124,14 @@ NAVIGATION_SERVICES: Final = (
     Service(
         "/map_saver/save_map", "nav2_msgs/srv/SaveMap", "recorder", _save_map,
         "write `/map` to the folder of the run",
+    ),
+    Service(
+        "/slam_toolbox/save_map", "slam_toolbox/srv/SaveMap", "recorder", _save_slam_map,
+        "the same",
+    ),
+    Service(
+        "/slam_toolbox/serialize_map", "slam_toolbox/srv/SerializePoseGraph", "recorder",
+        _serialize_map, "the same, where there is a pose graph",
     ),
     Service(
         "/reinitialize_global_localization", "std_srvs/srv/Empty", "localization", _reinitialize,

@@ -176,7 +176,7 @@ def write_map(
 
 
 def trinary_cells(cells: Cells, free_thresh: float, occupied_thresh: float) -> Cells:
-    """Cells of a map as free (0), occupied (100) or unknown (-1), as map_saver's mode trinary takes
+    """Cells of a map as free (0), occupied (100) or unknown (-1), as map_saver's mode trinary draws
     them: free up to 100 * `free_thresh`, occupied from 100 * `occupied_thresh`, both rounded.
 
     Raises ConfigError where the thresholds are not 0 <= free < occupied <= 1.
@@ -186,9 +186,10 @@ def trinary_cells(cells: Cells, free_thresh: float, occupied_thresh: float) -> C
             f"free_thresh, occupied_thresh: {free_thresh:g}, {occupied_thresh:g}: must be "
             "0 <= free_thresh < occupied_thresh <= 1"
         )
-    found = np.full(cells.shape, -1, np.int8)
-    found[(cells >= 0) & (cells <= round(100.0 * free_thresh))] = 0
-    found[cells >= round(100.0 * occupied_thresh)] = 100
+    known = (cells >= FREE) & (cells <= OCCUPIED)
+    found = np.full(cells.shape, UNKNOWN, np.int8)
+    found[known & (cells <= round(100.0 * free_thresh))] = FREE
+    found[known & (cells >= round(100.0 * occupied_thresh))] = OCCUPIED
     return found
 
 
@@ -389,7 +390,7 @@ def _image(cells: Cells, mode: Mode) -> Image.Image:
         if known.all():
             return Image.fromarray(grey)
         return Image.fromarray(np.stack([grey, np.where(known, 255, 0).astype(np.uint8)], axis=-1))
-    free = known & (cells <= round(100 * _FREE_THRESH[mode]))
-    occupied = known & (cells >= round(100 * _OCCUPIED_THRESH[mode]))
-    grey = np.where(free, _GREY_FREE, np.where(occupied, _GREY_OCCUPIED, _GREY_UNKNOWN))
+    cells = trinary_cells(cells, _FREE_THRESH[mode], _OCCUPIED_THRESH[mode])
+    grey = np.where(cells == FREE, _GREY_FREE, _GREY_UNKNOWN)
+    grey[cells == OCCUPIED] = _GREY_OCCUPIED
     return Image.fromarray(grey.astype(np.uint8))

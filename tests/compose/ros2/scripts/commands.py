@@ -18,6 +18,9 @@ from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.action import ActionClient
 from rclpy.node import Node
 from simulation_interfaces.srv import GetEntities, SetSimulationState, SpawnEntity
+from slam_toolbox.srv import SaveMap as SaveSlamMap
+from slam_toolbox.srv import SerializePoseGraph
+from std_msgs.msg import String
 
 DEADLINE_S = 100.0
 CRATE: dict[str, Any] = {
@@ -89,7 +92,11 @@ def main() -> None:
     costmap = "/global_costmap/clear_entirely_global_costmap"
     found["cleared"] = str(user.call(ClearEntireCostmap, costmap))
     saved = user.call(SaveMap, "/map_saver/save_map", map_topic="map", map_url="kitchen")
-    found["saved"] = saved.result
+    found["saved"] = [saved.result]
+    name = String(data="office")
+    found["saved"].append(user.call(SaveSlamMap, "/slam_toolbox/save_map", name=name).result)
+    graph = user.call(SerializePoseGraph, "/slam_toolbox/serialize_map", filename="hall").result
+    found["saved"].append(graph)
     place = PoseStamped()
     place.pose.position.x, place.pose.position.y, place.pose.position.z = CRATE["position_m"]
     spawned = user.call(

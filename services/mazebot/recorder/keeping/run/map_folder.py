@@ -9,10 +9,9 @@ from pathlib import Path
 from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages import messages as msg
-from mazebot.common.messages.action_documents import SaveMap
 from mazebot.common.messages.slam_documents import PoseGraph
 from mazebot.common.recordings.run_folder import write_atomically
-from mazebot.common.world.map_files import trinary_cells, write_map
+from mazebot.common.world.map_files import write_map
 from mazebot.common.world.marker_file import write_markers
 
 MAP_FOLDER = "map"
@@ -99,23 +98,3 @@ class MapFolder:
         text = graph.model_dump_json().encode()
         write_atomically(folder / POSE_GRAPH_FILE, [text, b"\n"], sync=False)
         write_markers(folder / MARKERS, graph.landmarks)
-
-
-def save_map(folder: Path, grid: msg.OccupancyGrid, wanted: SaveMap) -> Path:
-    """Write a map as map_saver does; the YAML file's path.
-
-    Raises ConfigError where it cannot be written as wanted.
-    """
-    origin: SE2 = msg.se2_from_pose(grid.info.origin)
-    cells = msg.cells_from_grid(grid)
-    if wanted.mode == "trinary":
-        cells = trinary_cells(cells, wanted.free_thresh, wanted.occupied_thresh)
-    return write_map(
-        folder,
-        wanted.name,
-        cells,
-        float(grid.info.resolution),
-        origin,
-        wanted.mode,  # type: ignore[arg-type]
-        wanted.image_format,  # type: ignore[arg-type]
-    )
