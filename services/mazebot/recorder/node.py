@@ -8,10 +8,12 @@ import time
 from collections import deque
 from collections.abc import Callable, Collection
 from datetime import datetime
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
 
 from mazebot.common.config import ConfigError
 from mazebot.common.messages import documents as doc
+from mazebot.common.messages import messages as msg
 from mazebot.common.messages import wire
 from mazebot.common.messages.action_documents import SaveMap, SaveMapReply
 from mazebot.common.messages.pending_image import PendingImage
@@ -268,25 +270,33 @@ class RecorderNode(Node):
             outbox.put(EVALUATION, evaluation)
 
     def _save_map(self, wanted: SaveMap) -> SaveMapReply:
-        run, grid = self._run, self._setting.fixed.get(MAP)
-        reply = SaveMapReply()
         try:
-            if wanted.topic.strip("/") != MAP.name.strip("/"):
-                raise ConfigError(f"topic: {wanted.topic!r:.80}: must be {MAP.name}")
-            if run is None or grid is None or not grid.data.size:
-                reply = SaveMapReply(result=1)
-                raise ConfigError(f"waiting for {'a world' if run is None else 'a map'}")
-            if run.folder.is_gone:
-                raise ConfigError(f"{run.folder.path}: the folder of the run was removed")
-            graph = self._setting.fixed.get(POSE_GRAPH) if run.world.slam else None
-            if graph is None and wanted.needs_pose_graph:
-                raise ConfigError("there is no pose graph: mapping makes one, in a run with slam")
-            files = save_map(run.folder.path / SAVED_MAPS, wanted, grid, graph)
+            files = self._saved(wanted)
         except ConfigError as error:
             _LOG.error("/map_saver/save_map: the map was not saved: %s", error)
-            return SaveMapReply(result=reply.result or 255, error=str(error))
+            result: Literal[1, 255] = 1 if self._newest_map() is None else 255
+            return SaveMapReply(result=result, error=str(error))
         _LOG.info("Map saved to %s", files[0])
         return SaveMapReply(files=tuple(map(str, files)))
+
+    def _newest_map(self) -> msg.OccupancyGrid | None:
+        """The map of the run, once there is one."""
+        grid: msg.OccupancyGrid | None = self._setting.fixed.get(MAP)
+        return None if self._run is None or grid is None or not grid.data.size else grid
+
+    def _saved(self, wanted: SaveMap) -> list[Path]:
+        """The files of the map. Raises ConfigError where they cannot be written."""
+        run, grid = self._run, self._newest_map()
+        if wanted.topic.strip("/") != MAP.name.strip("/"):
+            raise ConfigError(f"topic: {wanted.topic!r:.80}: must be {MAP.name}")
+        if run is None or grid is None:
+            raise ConfigError(f"waiting for {'a world' if run is None else 'a map'}")
+        if run.folder.is_gone:
+            raise ConfigError(f"{run.folder.path}: the folder of the run was removed")
+        graph = self._setting.fixed.get(POSE_GRAPH) if run.world.slam else None
+        if graph is None and wanted.needs_pose_graph:
+            raise ConfigError("there is no pose graph: mapping makes one, in a run with slam")
+        return save_map(run.folder.path / SAVED_MAPS, wanted, grid, graph)
 
     def close(self) -> None:
         """End the run: its summary is written, and all recordings are closed."""
