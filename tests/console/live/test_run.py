@@ -226,12 +226,13 @@ def test_a_box_is_dropped_into_the_world_and_removed(page: Page, run: Run) -> No
     page.wait_kind("entities")
     said = page.done(do="drop_box", pose={"x_m": x - 0.7, "y_m": y, "yaw_rad": 0.3})
     name = said.split()[0]
-    page.wait_for(lambda: [one for one in page.newest["entities"]["bodies"] if one["name"] == name])
+    # It has come before the answer, so that a person can remove it at once.
     (box,) = page.newest["entities"]["bodies"]
+    assert box["name"] == name
     assert np.mean(box["polygons_m"][0][:-1], axis=0) == pytest.approx([x - 0.7, y], abs=0.01)
     assert name in {one.name for one in run.robot.ask(GET_ENTITIES, GetEntities(), 5.0).entities}
     page.done(do="remove", name=name)
-    page.wait_for(lambda: not page.newest["entities"]["bodies"])
+    assert not page.newest["entities"]["bodies"]
     # In the robot itself it cannot stand, and the reason is the service's.
     x, y, _ = truth(page)
     refused = page.ask(do="drop_box", pose={"x_m": x, "y_m": y, "yaw_rad": 0.0})

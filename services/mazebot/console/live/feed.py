@@ -30,6 +30,7 @@ CAMERA_EVERY = 3
 """Pictures of the feed for one of the camera."""
 _CAMERA_LASTS_S = 1.0
 """Simulation time, after which a picture shows nothing of now."""
+_SHOWN_S = 1.0
 MAX_PAGES = 32
 LINGER_S = 60.0
 """For so long it goes on without a page."""
@@ -91,6 +92,8 @@ class Feed:
         self._view = View(self._history)
         self._newest: dict[str, Frame] = {}
         self._beat: asyncio.Task[None] | None = None
+        self._offered = asyncio.Event()
+        """Set with the next frames."""
         self._rest: asyncio.TimerHandle | None = None
         self._ends: list[Callable[[], None]] = []
         self._camera_ends: Callable[[], None] | None = None
@@ -123,6 +126,14 @@ class Feed:
             if not self._pages:
                 self._rest = asyncio.get_running_loop().call_later(LINGER_S, self._end)
 
+    async def shown(self) -> None:
+        """Return when all that was received before is offered, or after a second at the latest."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(_SHOWN_S):
+                # Those that are being drawn may have been taken before.
+                for _ in range(2):
+                    await self._offered.wait()
+
     def _end(self) -> None:
         """No page has come back."""
         if self._beat is not None and not self._pages:
@@ -151,6 +162,8 @@ class Feed:
                             page.offer(frame)
                 self._offer_camera(frames)
                 self._begun.clear()
+                self._offered.set()
+                self._offered = asyncio.Event()
         finally:
             end()
             if self._camera_ends is not None:

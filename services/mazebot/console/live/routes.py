@@ -63,7 +63,7 @@ def live_routes(robot: Robot, how_to_start: str = HOW_TO_START) -> list[BaseRout
             return
         async with feed.page() as outgoing:
             may_drive = role_of(websocket.scope) == OPERATOR
-            await _Page(robot, websocket, outgoing, may_drive).serve()
+            await _Page(robot, feed, websocket, outgoing, may_drive).serve()
 
     return [Route("/live", show), WebSocketRoute("/live/feed", connect)]
 
@@ -72,9 +72,15 @@ class _Page:
     """One open page."""
 
     def __init__(
-        self, robot: Robot, websocket: WebSocket, outgoing: Outgoing, may_drive: bool
+        self,
+        robot: Robot,
+        feed: Feed,
+        websocket: WebSocket,
+        outgoing: Outgoing,
+        may_drive: bool,
     ) -> None:
         self._robot = robot
+        self._feed = feed
         self._may_drive = may_drive
         self._websocket = websocket
         self._outgoing = outgoing
@@ -170,7 +176,11 @@ class _Page:
                 task.add_done_callback(self._pending.discard)
 
     async def _answer_when_done(self, number: int, done: asyncio.Future[tuple[str, str]]) -> None:
-        self._answer(number, *await asyncio.shield(done))
+        answer = await asyncio.shield(done)
+        # What has changed by it is on the page before the page says so: a box that was spawned can
+        # be removed.
+        await self._feed.shown()
+        self._answer(number, *answer)
 
     def _answer(self, number: int | None, message: str, error: str) -> None:
         content = {"id": number, "said": message, "error": " ".join(error.split())}
