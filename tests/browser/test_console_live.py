@@ -166,6 +166,8 @@ def live(browser: Browser, url: str) -> Iterator[Opened]:
     opened = opened_in(context, url)
     # With what the page says where it does not come.
     opened.wait(lambda: opened.page.locator("#task-state.good").count())
+    # The time comes with the pose.
+    opened.pose()
     yield opened
     context.close()
     assert opened.wrong == []
