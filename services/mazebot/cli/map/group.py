@@ -38,6 +38,7 @@ def save(
     from mazebot.common.messages.action_documents import SaveMap  # noqa: PLC0415
     from mazebot.common.messages.topics import MAP, POSE_GRAPH, WORLD  # noqa: PLC0415
     from mazebot.common.recordings.saved_map import save_map  # noqa: PLC0415
+    from mazebot.common.world.map_files import FREE_THRESH  # noqa: PLC0415
 
     if not re.fullmatch(r"[A-Za-z0-9][\w.-]*", name.name, re.ASCII):
         raise ConfigError(f"NAME: {str(name)!r:.80}: must end in letters, digits, '_', '-' or '.'")
@@ -45,7 +46,7 @@ def save(
         grid = first_message(robot, MAP, _MAP_PATIENCE_S, "no map")
         slam = first_message(robot, WORLD, _MAP_PATIENCE_S, "no world").slam
         graph = first_message(robot, POSE_GRAPH, _GRAPH_PATIENCE_S) if slam else None
-    wanted = SaveMap(name=name.name)
+    wanted = SaveMap(name=name.name, free_thresh=FREE_THRESH)
     files = [str(path) for path in save_map(name.parent, wanted, grid, graph)]
     if as_json:
         print_json({"files": files})

@@ -13,7 +13,7 @@ from mazebot.common.files.folder_writing import write_file
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.action_documents import SaveMap
 from mazebot.common.messages.slam_documents import PoseGraph
-from mazebot.common.world.map_files import trinary_cells, write_map
+from mazebot.common.world.map_files import write_map
 from mazebot.common.world.marker_file import write_markers
 
 
@@ -26,13 +26,12 @@ def save_map(
     Raises ConfigError where one cannot be written as wanted.
     """
     cells = np.array(msg.cells_from_grid(grid), np.int8)
-    if wanted.mode == "trinary":
-        cells = trinary_cells(cells, wanted.free_thresh, wanted.occupied_thresh)
     origin = msg.se2_from_pose(grid.info.origin)
     resolution_m = float(grid.info.resolution)
     path = write_map(
         folder, wanted.name, cells, resolution_m, origin,
         wanted.mode, wanted.image_format,  # type: ignore[arg-type]
+        wanted.free_thresh, wanted.occupied_thresh,
     )  # fmt: skip
     files = [path, path.with_suffix(f".{wanted.image_format}")]
     if graph is None:

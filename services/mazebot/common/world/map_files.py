@@ -46,7 +46,9 @@ _SHOWN = 160
 _MAX_COORDINATE_M = 1e6
 _MAX_16_BITS = 65535
 _OCCUPIED_THRESH = {"trinary": 0.65, "scale": 1.0, "raw": 0.65}
-_FREE_THRESH = {"trinary": 0.196, "scale": 0.0, "raw": 0.196}
+FREE_THRESH = 0.196
+"""Of the files that are written: the grey of unknown cells is above it."""
+_FREE_THRESH = {"trinary": FREE_THRESH, "scale": 0.0, "raw": FREE_THRESH}
 _GREY_FREE, _GREY_OCCUPIED, _GREY_UNKNOWN = 254, 0, 205
 
 
@@ -134,8 +136,11 @@ def write_map(
     origin: SE2,
     mode: Mode = "trinary",
     image_format: ImageFormat = "pgm",
+    free_thresh: float = FREE_THRESH,
+    occupied_thresh: float = _OCCUPIED_THRESH["trinary"],
 ) -> Path:
-    """Write `name`.yaml and its image as map_saver does; returns the YAML file's path.
+    """Write `name`.yaml and its image as map_saver does; returns the YAML file's path. The
+    thresholds are those of `trinary_cells`, for the mode trinary.
 
     Raises ConfigError if a mode or format is invalid, or cannot represent these cells, or the files
     cannot be written. A file is either complete or does not exist.
@@ -152,6 +157,8 @@ def write_map(
         raise ConfigError(
             f"image_format: {image_format}: must be png, for the unknown cells of mode scale"
         )
+    if mode == "trinary":
+        cells = trinary_cells(cells, free_thresh, occupied_thresh)
     picture = io.BytesIO()
     _image(np.ascontiguousarray(cells[::-1]), mode).save(picture, _PILLOW_FORMATS[image_format])
     image = f"{name}.{image_format}"
@@ -381,7 +388,9 @@ def _cells(
 
 
 def _image(cells: Cells, mode: Mode) -> Image.Image:
-    """The image of (rows, columns) cells, row 0 at the top, as map_saver draws it."""
+    """The image of (rows, columns) cells, row 0 at the top, as map_saver draws it; for the mode
+    trinary of `trinary_cells`.
+    """
     known = (cells >= 0) & (cells <= OCCUPIED)
     if mode == "raw":
         return Image.fromarray(np.where(known, cells, 255).astype(np.uint8))
@@ -390,7 +399,6 @@ def _image(cells: Cells, mode: Mode) -> Image.Image:
         if known.all():
             return Image.fromarray(grey)
         return Image.fromarray(np.stack([grey, np.where(known, 255, 0).astype(np.uint8)], axis=-1))
-    cells = trinary_cells(cells, _FREE_THRESH[mode], _OCCUPIED_THRESH[mode])
     grey = np.where(cells == FREE, _GREY_FREE, _GREY_UNKNOWN)
     grey[cells == OCCUPIED] = _GREY_OCCUPIED
     return Image.fromarray(grey.astype(np.uint8))

@@ -31,6 +31,7 @@ CAMERA_EVERY = 3
 _CAMERA_LASTS_S = 1.0
 """Simulation time, after which a picture shows nothing of now."""
 _SHOWN_S = 1.0
+"""For so long an answer waits for the frames before it."""
 MAX_PAGES = 32
 LINGER_S = 60.0
 """For so long it goes on without a page."""
