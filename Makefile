@@ -122,8 +122,7 @@ test-browser: $(STAMP) ## run the tests of the console and the viewer in a brows
 
 # One after another: two stacks at once are more than two cores carry in real time.
 test-compose: $(STAMP) ## run the tests of the containers (Docker)
-	@.venv/bin/pytest -n 0 -m "compose and not timed" --timeout 900 tests/compose
-	@.venv/bin/pytest -n 0 -m timed --timeout 900 tests/compose
+	@.venv/bin/pytest -n 0 -m compose --timeout 900 tests/compose
 
 test-ros2: $(STAMP) .venv-ros2/.installed ## run the tests against what others wrote for ROS 2: clients, type hashes
 	@.venv/bin/pytest -n 2 --dist loadfile -m ros2

@@ -14,7 +14,7 @@ from tests.compose.checks import is_active
 from tests.compose.stack import DEMOS, SERVICES, Stack, stack_of, wait_until
 from tests.console.live.running import Page
 
-pytestmark = [pytest.mark.compose, pytest.mark.timed, pytest.mark.usefixtures("image")]
+pytestmark = [pytest.mark.compose, pytest.mark.usefixtures("image")]
 
 DEMO = DEMOS["enhanced"]
 

@@ -39,7 +39,7 @@ from tests.compose.stack import (
     wait_until,
 )
 
-pytestmark = [pytest.mark.compose, pytest.mark.timed, pytest.mark.usefixtures("image")]
+pytestmark = [pytest.mark.compose, pytest.mark.usefixtures("image")]
 
 DEMO = DEMOS["enhanced"]
 TOUR_S = 300.0

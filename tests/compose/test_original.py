@@ -12,7 +12,7 @@ from tests.compose.checks import ACTIVE, check_recordings, check_table, is_activ
 from tests.compose.stack import DEMOS, Stack, stack_of, wait_until
 from tests.recorder.stream.stalled_viewer import stalled_viewer
 
-pytestmark = [pytest.mark.compose, pytest.mark.timed, pytest.mark.usefixtures("image")]
+pytestmark = [pytest.mark.compose, pytest.mark.usefixtures("image")]
 
 DEMO = DEMOS["original"]
 

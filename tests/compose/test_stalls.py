@@ -41,7 +41,7 @@ from tests.compose.control import check_commands, control
 from tests.compose.motion import Witness
 from tests.compose.stack import DEMOS, Stack, docker, stack_of, wait_until
 
-pytestmark = [pytest.mark.compose, pytest.mark.timed, pytest.mark.usefixtures("image")]
+pytestmark = [pytest.mark.compose, pytest.mark.usefixtures("image")]
 
 DEMO = DEMOS["enhanced"]
 TOUR_S = 300.0

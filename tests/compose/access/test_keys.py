@@ -73,7 +73,6 @@ def says(stack: Stack, service: str, text: str) -> bool:
 
 
 @pytest.mark.compose
-@pytest.mark.timed
 def test_nobody_gets_in_without_a_key_and_the_owner_of_the_clone_has_one(
     stack: Stack, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -93,7 +92,6 @@ def test_nobody_gets_in_without_a_key_and_the_owner_of_the_clone_has_one(
 
 
 @pytest.mark.compose
-@pytest.mark.timed
 def test_a_container_reads_its_own_key_alone(stack: Stack) -> None:
     code = "import json; print(json.load(open('/keys/own.key'))['name'])"
     for service in ("physics", "navigation", "recorder"):
@@ -103,7 +101,6 @@ def test_a_container_reads_its_own_key_alone(stack: Stack) -> None:
 
 
 @pytest.mark.compose
-@pytest.mark.timed
 def test_the_console_commands_as_the_operator(stack: Stack) -> None:
     with Page(f"http://127.0.0.1:{stack.console_port}") as page:
         assert page.wait_kind("world")["name"] == "sim_house"
@@ -112,7 +109,6 @@ def test_the_console_commands_as_the_operator(stack: Stack) -> None:
 
 
 @pytest.mark.compose
-@pytest.mark.timed
 def test_keys_are_replaced_while_the_stack_runs(stack: Stack) -> None:
     store = KeyStore(stack.folder / "keys")
     old = store.path_of(OPERATOR).read_text()
