@@ -145,6 +145,9 @@ check: $(STAMP) ## lint, check formats, types, imports and generated files
 		.venv/bin/python -m mazebot.cli.pages.run_schemas $$schema | diff - docs/schemas/$$schema.schema.json \
 			|| { echo "docs/schemas/$$schema.schema.json is stale: make generate"; exit 1; }; \
 	done
+	@made=$$(mktemp -d) && .venv/bin/python -m mazebot.cli.pages.ros_package $$made/msgs \
+		&& diff -r $$made/msgs ros2/mazebot_msgs && rm -r $$made \
+			|| { echo "ros2/mazebot_msgs is stale: make generate"; exit 1; }
 	@echo "check: all well"
 
 fix: $(STAMP) ## format, and fix what the linter can
@@ -158,6 +161,7 @@ generate: $(STAMP) ## regenerate the generated files
 	@for schema in summary series labels; do \
 		.venv/bin/python -m mazebot.cli.pages.run_schemas $$schema > docs/schemas/$$schema.schema.json; \
 	done
+	@.venv/bin/python -m mazebot.cli.pages.ros_package ros2/mazebot_msgs
 	@.venv/bin/python -m mazebot.recorder.foxglove.layout > .layout.json \
 		&& mv .layout.json services/mazebot/recorder/foxglove/layout.json
 	@.venv/bin/python -m mazebot.embedded.observed_kernels > .kernels.txt \

@@ -40,9 +40,9 @@ from mazebot.common.messages.topics import (
 )
 from mazebot.common.messages.wire import (
     decode,
-    decode_document,
+    decode_json,
     encode,
-    encode_document,
+    encode_json,
 )
 from mazebot.common.node.node import Envelope
 from tests.cli.test_app import assert_one_line, mazebot
@@ -80,8 +80,8 @@ class Navigation:
         def answer(asked: zenoh.Query) -> None:
             with asked:
                 data = asked.payload.to_bytes() if asked.payload else b""
-                said = respond(decode_document(query.request, data))
-                asked.reply(asked.key_expr, encode_document(said))
+                said = respond(decode_json(query.request, data))
+                asked.reply(asked.key_expr, encode_json(said))
 
         return self.session.declare_queryable(DEFAULT_KEYS.of_query(query), answer)
 

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-import json
 import random
+import struct
 from typing import Any
 
 import numpy as np
 
-from mazebot.common.messages import messages as msg
-from mazebot.common.messages import wire
+from mazebot.common.messages import cdr, document_types, wire
 from mazebot.common.messages.documents import Document
 from mazebot.common.messages.topics import Topic
 
@@ -29,15 +28,13 @@ STRINGS = (
 
 def absurd_bytes(topic: Topic[Any], message: Any, rng: random.Random) -> bytes | None:
     """What travels of a message after some of its fields have been changed; None: it does not."""
-    if isinstance(message, Document):
-        value = json.loads(message.model_dump_json())
-        text = json.dumps(_of_json(value, rng))
-        return bytes(msg.TYPESTORE.serialize_cdr(msg.String(text), msg.String.__msgtype__))
-    changed = copy.deepcopy(message)
+    changed = (
+        document_types.pack(message) if isinstance(message, Document) else copy.deepcopy(message)
+    )
     _change(changed, rng)
     try:
-        return wire.encode(topic, changed)
-    except wire.WireError:
+        return cdr.encode(wire.type_name(topic), changed)
+    except (AttributeError, TypeError, ValueError, OverflowError, struct.error):
         return None
 
 
@@ -90,14 +87,3 @@ def _array(values: Any, rng: random.Random) -> Any:
         else:
             changed[at] = rng.randrange(128)
     return changed
-
-
-def _of_json(value: Any, rng: random.Random) -> Any:
-    if isinstance(value, dict):
-        return {key: _of_json(entry, rng) for key, entry in value.items()}
-    if isinstance(value, list):
-        copies = rng.choice((0, 1, 1, 1, 1, 1, 1, 2))
-        return [_of_json(entry, rng) for entry in value * copies]
-    if value is None or rng.random() > 0.15:
-        return value
-    return _leaf(value, rng)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import json
 import struct
 import subprocess
@@ -19,8 +20,8 @@ from mazebot.common.bus.bus import Bus
 from mazebot.common.bus.config import BusConfig
 from mazebot.common.bus.session import open_session
 from mazebot.common.config import ServiceConfig
+from mazebot.common.messages import document_types, wire
 from mazebot.common.messages import messages as msg
-from mazebot.common.messages import wire
 from mazebot.common.messages.keys import DEFAULT_KEYS, types_of
 from mazebot.common.messages.topics import (
     CMD_VEL,
@@ -34,6 +35,7 @@ from mazebot.common.messages.topics import (
 )
 from mazebot.common.messages.type_hash import hash_of
 from mazebot.common.node.node import Envelope, Inbox, Node, Outbox
+from mazebot.common.recordings.mcap.mcap_channels import definition_of
 from mazebot.common.ros.actions import ACTIONS
 from mazebot.common.ros.table import ROS_SERVICES
 from tests.common.samples import SAMPLES
@@ -191,13 +193,17 @@ def test_what_is_latched_reaches_late_subscribers(
     assert len(attachment) == 49 + len(MAP.name) == 53
 
 
-def test_a_document_reaches_a_late_subscriber_of_the_sdk_as_text(
+def test_a_document_reaches_a_late_subscriber_of_the_sdk_field_by_field(
     endpoint: str, service: Callable[[str], Service]
 ) -> None:
     world = SAMPLES[WORLD]
     service("worldgen").send(WORLD, world)
-    place = (*host_and_port(endpoint), WORLD.name, hash_of("std_msgs/msg/String"))
-    assert WORLD.type.model_validate_json(output_of("late_text", *place)) == world
+    kind = wire.type_name(WORLD)
+    place = (*host_and_port(endpoint), WORLD.name, kind, hash_of(kind), definition_of(kind))
+    sent = dataclasses.asdict(document_types.pack(world))
+    assert json.loads(output_of("late_document", *place)) == json.loads(
+        json.dumps(sent, default=lambda array: array.tolist())
+    )
 
 
 @pytest.mark.parametrize("mode", ["client", "peer"])

@@ -10,8 +10,10 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages import wire
+from mazebot.common.messages.document_types import PACKAGE
 from mazebot.common.messages.topics import TOPICS
 from mazebot.common.messages.type_hash import definitions_of, hash_of, messages_of, type_hash
+from mazebot.common.recordings.mcap.mcap_channels import definition_of
 from mazebot.common.ros.definitions import DISTROS
 from mazebot.common.ros.interfaces import interfaces
 from tests.ros2.environment import FOLDER, output_of
@@ -35,6 +37,7 @@ SEEN = (
     ("lyrical", "simulation_interfaces/srv/SpawnEntity", "66860313e11009fa"),
 )
 
+PACKAGES = Path(__file__).parents[2] / "ros2"
 TYPES = sorted({wire.type_name(topic) for topic in TOPICS})
 
 
@@ -43,6 +46,8 @@ def test_of_every_topic_in_each_distribution(store: Stores, tmp_path: Path) -> N
     types = get_typestore(store)
     for kind, text in msg.VISION_MSGS.items():
         types.register(get_types_from_msg(text, kind.__msgtype__))
+    for name in (one for one in TYPES if one.startswith(PACKAGE)):
+        types.register(get_types_from_msg(definition_of(name), name))
     definitions = {
         name: text for kind in TYPES for name, text in definitions_of(kind, types).items()
     }
@@ -53,6 +58,15 @@ def test_of_every_topic_in_each_distribution(store: Stores, tmp_path: Path) -> N
     official = json.loads(output_of("official_hashes", str(tmp_path)))
     assert {name: type_hash(name, definitions) for name in definitions} == official
     assert {name: hash_of(name) for name in TYPES} == {name: official[name] for name in TYPES}
+
+
+def test_of_the_package_that_people_build() -> None:
+    official = json.loads(output_of("official_hashes", str(PACKAGES)))
+    files = list(PACKAGES.glob("*/msg/*.msg"))
+    assert official.keys() == {f"{file.parts[-3]}/msg/{file.stem}" for file in files}
+    own = [name for name in TYPES if name.startswith(PACKAGE)]
+    assert {name: hash_of(name) for name in own} == {name: official[name] for name in own}
+    assert len(own) > 20
 
 
 def test_of_messages_services_and_actions_as_published() -> None:

@@ -4,18 +4,31 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
-from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import StoragePlugin, Writer
 
 from mazebot.cli.replay.reading.find import open_recording
 from mazebot.cli.replay.reading.replayed import Replayed, in_time
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages import wire
-from mazebot.common.messages.topics import CLOCK, ODOM, SCAN, TF, WORLD
+from mazebot.common.messages.topics import (
+    CLOCK,
+    ENTITIES,
+    LOCALIZATION_STATUS,
+    ODOM,
+    SCAN,
+    TF,
+    WORLD,
+    Topic,
+)
+from mazebot.common.recordings.mcap.mcap_channels import definition_of
 from tests.cli.replay import runs
 from tests.cli.test_app import mazebot
+from tests.common.samples import SAMPLES
 
 _FORMATS = (StoragePlugin.MCAP, StoragePlugin.SQLITE3)
 
@@ -118,3 +131,26 @@ def test_damaged_messages_are_counted_and_skipped(messages: list[Replayed], tmp_
     runs.write_bag(tmp_path / "bag", map(spoilt, messages), StoragePlugin.MCAP)
     done = mazebot("replay", str(tmp_path / "bag"), "--service", "localization")
     assert "left out: /odom: 7 messages: quaternion not normalized" in done.stdout
+
+
+@pytest.mark.parametrize("form", ["today", "one field more", "json"])
+def test_documents_of_another_version_are_read(tmp_path: Path, form: str) -> None:
+    topics: tuple[Topic[Any], ...] = (LOCALIZATION_STATUS, ENTITIES)
+    with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        for topic in topics:
+            kind = msg.String.__msgtype__ if form == "json" else wire.type_name(topic)
+            data = (wire.encode_json if form == "json" else partial(wire.encode, topic))(
+                SAMPLES[topic]
+            )
+            text = definition_of(kind)
+            if form == "one field more":
+                own, line, others = text.partition("=" * 80)
+                text, data = f"{own}bool newest\n{line}{others}", data + b"\1"
+            channel = writer.add_connection(topic.name, kind, msgdef=text, rihs01="none")
+            writer.write(channel, runs.BEGUN_NS, data)
+    recording = open_recording(tmp_path, "bag")
+    read = [one for one in recording.read() if one.topic in topics]
+    assert (recording.left_out, recording.unfit) == ({}, {})
+    assert [one.topic for one in read] == list(topics)
+    for one in read:
+        assert wire.decode(one.topic, one.data) == SAMPLES[one.topic]

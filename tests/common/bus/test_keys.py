@@ -30,7 +30,8 @@ WAYS = [Keys(), Keys(domain_id=5, prefix="lab/bot1/"), Keys("plain"), Keys("plai
 def test_keys_of_topics() -> None:
     assert Keys().of_topic(SCAN) == f"0/{SCAN_KEY}"
     assert Keys(domain_id=5, prefix="bot1/").of_topic(SCAN) == f"5/bot1/{SCAN_KEY}"
-    assert Keys().of_topic(WORLD) == f"0/world/std_msgs::msg::dds_::String_/{STRING}"
+    hash_ = hash_of("mazebot_msgs/msg/World")
+    assert Keys().of_topic(WORLD) == f"0/world/mazebot_msgs::msg::dds_::World_/{hash_}"
     assert Keys("plain", 5, "bot1/").of_topic(SCAN) == "bot1/scan"
 
 

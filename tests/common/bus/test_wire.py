@@ -1,17 +1,19 @@
 import contextlib
 import copy
+import dataclasses
 import math
 import random
 
 import numpy as np
 import pytest
 
+from mazebot.common.messages import cdr, document_types, wire
 from mazebot.common.messages import messages as msg
-from mazebot.common.messages import wire
-from mazebot.common.messages.documents import Document
+from mazebot.common.messages.documents import Document, SimulationControl
 from mazebot.common.messages.topics import (
     CMD_VEL,
     GOAL_POSE,
+    LOCALIZATION_STATUS,
     MAP,
     NAVIGATION_RESULT,
     ODOM,
@@ -169,13 +171,20 @@ def test_a_scan_may_hold_no_return_but_not_a_nan() -> None:
         wire.validate(SCAN, scan)
 
 
-def test_a_document_with_an_unknown_key_or_a_nan_is_refused() -> None:
-    text = '{"world_name": "x", "use_aruco": true, "nope": 1}'
-    from mazebot.common.messages.topics import WORLD_REQUEST
-
+def test_a_request_with_an_unknown_key_is_refused() -> None:
+    text = '{"pause": true, "nope": 1}'
     data = bytes(msg.TYPESTORE.serialize_cdr(msg.String(text), "std_msgs/msg/String"))
     with pytest.raises(wire.WireError, match="nope"):
-        wire.decode(WORLD_REQUEST, data)
+        wire.decode_json(SimulationControl, data)
+
+
+def test_a_document_with_a_nan_or_a_word_that_is_none_of_its_words_is_refused() -> None:
+    message = document_types.pack(SAMPLES[LOCALIZATION_STATUS])
+    kind = wire.type_name(LOCALIZATION_STATUS)
+    for field, value in (("quality", math.nan), ("state", "sure")):
+        changed = dataclasses.replace(message, **{field: value})
+        with pytest.raises(wire.WireError, match=f"invalid schema: {field}"):
+            wire.decode(LOCALIZATION_STATUS, cdr.encode(kind, changed))
 
 
 def test_a_message_of_another_topic_is_refused() -> None:
@@ -193,8 +202,8 @@ def test_an_array_of_another_kind_is_refused() -> None:
         wire.encode(SCAN, scan)
 
 
-def test_documents_travel_as_strings() -> None:
-    assert wire.type_name(WORLD) == "std_msgs/msg/String"
+def test_documents_travel_as_messages_of_their_own_package() -> None:
+    assert wire.type_name(WORLD) == "mazebot_msgs/msg/World"
 
 
 def test_documents_are_frozen() -> None:

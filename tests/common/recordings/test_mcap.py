@@ -5,6 +5,7 @@ from __future__ import annotations
 import resource
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,10 +13,20 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import ConnectionExtRosbag2, QosDurability
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from mazebot.common.messages import messages as msg
 from mazebot.common.messages import topics as table
 from mazebot.common.messages import wire
-from mazebot.common.messages.topics import TOPICS, Delivery
+from mazebot.common.messages.documents import Document
+from mazebot.common.messages.topics import (
+    LOCALIZATION_STATUS,
+    ROBOT_DESCRIPTION,
+    TOPICS,
+    WORLD,
+    Delivery,
+    Topic,
+)
 from mazebot.common.node.node import Envelope
 from mazebot.common.recordings.mcap.mcap_channels import definition_of, qos_profiles_of
 from mazebot.common.recordings.mcap.mcap_file import McapFile, Row, repair
@@ -61,6 +72,50 @@ def recorded(numbers: Sequence[int]) -> list[RecordedMessage]:
         for number in numbers
         for channel, topic in enumerate(TOPICS)
     ]
+
+
+def test_documents_recorded_as_json_are_read_as_messages_of_today(tmp_path: Path) -> None:
+    file = McapFile(tmp_path / "run.mcap")
+    kind = msg.String.__msgtype__
+    own = [topic for topic in TOPICS if issubclass(topic.type, Document)]
+    topics: list[Topic[Any]] = [*own, ROBOT_DESCRIPTION, WORLD]
+    for number, topic in enumerate(topics):
+        name = topic.name
+        file.add_channel(name, kind, definition_of(kind), {"source": "ab", "world_hash": "cd"})
+        message = SAMPLES[topic]
+        data = wire.encode_json(message) if topic in own else wire.encode(topic, message)
+        # The last one is none of the topic's documents.
+        data = wire.encode(ROBOT_DESCRIPTION, msg.String("{}")) if number > len(own) else data
+        file.add_messages([(number, 0, 0, 0, (data,))])
+    file.close({})
+    *read, described, damaged = read_messages([tmp_path / "run.mcap"])
+    for topic, found in zip(own, read, strict=True):
+        assert (found.topic, found.type_name) == (topic.name, wire.type_name(topic))
+        assert wire.decode(topic, found.data) == SAMPLES[topic]
+    assert described.type_name == kind
+    assert wire.decode(ROBOT_DESCRIPTION, described.data) == SAMPLES[ROBOT_DESCRIPTION]
+    assert damaged.type_name == "std_msgs/msg/String of another version (invalid schema)"
+
+
+def test_documents_of_a_version_with_other_fields_are_read(tmp_path: Path) -> None:
+    sample = SAMPLES[LOCALIZATION_STATUS]
+    kind = wire.type_name(LOCALIZATION_STATUS)
+    older = "string state\nfloat64 quality\nstring reason\nstring mood\n"
+    without_state = "float64 quality\n"
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(older, kind))
+    data = bytes(store.serialize_cdr(store.types[kind]("lost", 0.25, "why", "sad"), kind))
+    parts = [tmp_path / "run.mcap", tmp_path / "other.mcap"]
+    sent = (data, data[:4] + bytes(8))
+    for part, text, content in zip(parts, (older, without_state), sent, strict=True):
+        file = McapFile(part)
+        file.add_channel(LOCALIZATION_STATUS.name, kind, text, {"source": "ab"})
+        file.add_messages([(0, 0, 0, 0, (content,))])
+        file.close({})
+    read, unfit = read_messages(parts)
+    found = wire.decode(LOCALIZATION_STATUS, read.data)
+    assert found == type(sample)(state="lost", quality=0.25, reason="why")
+    assert unfit.type_name == f"{kind} of another version (invalid schema)"
 
 
 @pytest.fixture

@@ -124,7 +124,7 @@ def fuzz_requests(
     """Requests to the decoders of queries, and of the services of each distribution."""
     others = [data for found in real.values() for data in found if len(data) < 100_000]
     types: list[tuple[str, Callable[[bytes], Any]]] = [
-        (query.name, lambda data, kind=query.request: wire.decode_document(kind, data))  # type: ignore[misc]
+        (query.name, lambda data, kind=query.request: wire.decode_json(kind, data))  # type: ignore[misc]
         for query in QUERIES
     ]
     of: Interfaces = interfaces("jazzy")

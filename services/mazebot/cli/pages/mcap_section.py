@@ -51,8 +51,8 @@ at most 0.5 s; its successor continues the same file, or completes it. A full di
 | [Foxglove](https://foxglove.dev) | *Open local file*; the world's scene is in Rerun's recording, \
 Foxglove draws map, scan, path, transforms, camera and plots |
 | ROS 2 | `ros2 bag info -s mcap {MESSAGES}`, `ros2 bag play -s mcap {MESSAGES}`; it holds \
-`/clock`, so start your nodes with `use_sim_time`. Documents such as `/world` are JSON in \
-`std_msgs/String` |
+`/clock`, so start your nodes with `use_sim_time`. The types of \
+`/world` and other topics of Mazebot's own are in the package `mazebot_msgs` ([ros2.md](ros2.md)) |
 | [rosbags](https://ternaris.gitlab.io/rosbags/) | without ROS, in Python: `AnyReader([path])` |
 | [mcap](https://mcap.dev/docs/python/) | `make_reader(file, \
 decoder_factories=[DecoderFactory()])`, the decoder from `mcap-ros2-support` |

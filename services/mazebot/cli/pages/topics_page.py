@@ -6,7 +6,6 @@ import sys
 from collections.abc import Iterable
 from typing import Any
 
-from mazebot.common.messages.documents import Document
 from mazebot.common.messages.topics import QUERIES, TOPICS, Topic
 from mazebot.common.messages.wire import type_name
 from mazebot.common.ros.actions import ACTIONS
@@ -19,8 +18,8 @@ Generated from `services/mazebot/common/messages/topics.py` by `make generate`; 
 On the wire of rmw_zenoh the key of a topic is `DOMAIN/NAME/TYPE/HASH`, on the plain one the name
 without its leading slash ([ros2.md](ros2.md)). `latest`: best effort, a subscriber keeps the newest
 message; `every`: reliable, resent to a subscriber that has missed it; `latched`: transient local, a
-late subscriber gets the last message. Types that are not from ROS are JSON documents in
-`std_msgs/msg/String`, declared in `services/mazebot/common/messages/documents/`.
+late subscriber gets the last message. The types of `mazebot_msgs` are in `ros2/mazebot_msgs`, made
+from the documents in `services/mazebot/common/messages/`.
 
 | topic | type | rate Hz | publishers | subscribers | delivery | what |
 | --- | --- | --- | --- | --- | --- | --- |
@@ -62,11 +61,9 @@ def topics_page() -> str:
     """Return the text of the page."""
     rows: list[tuple[str, ...]] = []
     for topic in sorted(TOPICS, key=lambda topic: topic.name):
-        is_own = issubclass(topic.type, Document)
-        kind = topic.type.__name__ if is_own else type_name(topic)
         rate = "" if topic.rate_hz is None else f"{topic.rate_hz:g}"
         cells = (
-            f"`{topic.name}`", f"`{kind}`", rate,
+            f"`{topic.name}`", f"`{type_name(topic)}`", rate,
             ", ".join(topic.owners), _readers(topic), topic.delivery.value, topic.about,
         )  # fmt: skip
         rows.append(cells)

@@ -296,11 +296,11 @@ class Bus:
         def ask(asked: zenoh.Query) -> None:
             def respond(answer: Any) -> None:
                 with contextlib.suppress(zenoh.ZError), asked:
-                    asked.reply(asked.key_expr, wire.encode_document(answer))
+                    asked.reply(asked.key_expr, wire.encode_json(answer))
 
             try:
                 data = asked.payload.to_bytes() if asked.payload is not None else b""
-                message = wire.decode_document(query.request, data)
+                message = wire.decode_json(query.request, data)
             except wire.WireError as error:
                 with asked:
                     asked.reply_err(f"{query.name}: {error}")

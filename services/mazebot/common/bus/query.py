@@ -42,14 +42,14 @@ def ask(
     timeout or where the query was rejected.
     """
     key = keys.of_query(query)
-    payload = wire.encode_document(cast("Document", message))
+    payload = wire.encode_json(cast("Document", message))
     begin_s = time.monotonic()
     end_s = begin_s + timeout_s
     while (left_s := end_s - time.monotonic()) > 0.0:
         for reply in session.get(key, payload=payload, timeout=left_s):
             if reply.ok is not None:
                 data = reply.ok.payload.to_bytes()
-                return cast("A", wire.decode_document(cast("Any", query.response), data))
+                return cast("A", wire.decode_json(cast("Any", query.response), data))
             error_text = reply.err.payload.to_string() if reply.err is not None else ""
             if error_text != "Timeout":
                 raise QueryError(error_text)

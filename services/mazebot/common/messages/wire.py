@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import itertools
 import math
 import operator
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar, cast
 
@@ -15,8 +16,9 @@ import numpy as np
 from pydantic import ValidationError
 from rosbags.interfaces import Nodetype
 from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
-from mazebot.common.messages import cdr
+from mazebot.common.messages import cdr, document_types
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.documents import Document
 from mazebot.common.messages.topics import Topic
@@ -69,12 +71,13 @@ class WireError(ValueError):
 def type_name(topic: Topic[M]) -> str:
     """ROS type name of a topic's messages on the wire."""
     if issubclass(topic.type, Document):
-        return msg.String.__msgtype__
+        return document_types.type_name_of(topic.type)
     return cast("type[msg.RosMessage]", topic.type).__msgtype__
 
 
 def encode(topic: Topic[M], message: M) -> bytes:
-    """CDR bytes (XCDR1, little endian) of a message; a document travels as JSON in std_msgs/String.
+    """CDR bytes (XCDR1, little endian) of a message; a document's are those of its message in
+    mazebot_msgs.
 
     Raises WireError where the message does not fit its type.
     """
@@ -82,7 +85,8 @@ def encode(topic: Topic[M], message: M) -> bytes:
         return b"".join(encode_in_pieces(topic, message))
     try:
         if isinstance(message, Document):
-            return encode_document(message)
+            kind = document_types.type_name_of(type(message))
+            return cdr.encode(kind, document_types.pack(message))
         return cdr.encode(type_name(topic), message)
     except (AttributeError, TypeError, ValueError, OverflowError, struct.error) as error:
         raise WireError("wrong type", str(error)) from error
@@ -114,8 +118,10 @@ _NO_PIXELS = np.zeros(0, np.uint8)
 _LENGTH = struct.Struct("<I")
 
 
-def encode_document(document: Document) -> bytes:
-    """CDR bytes of the std_msgs/String that carries a document as JSON."""
+def encode_json(document: Document) -> bytes:
+    """CDR bytes of a std_msgs/String with a document as JSON: of a query, whose keys are Mazebot's
+    own.
+    """
     return cdr.encode(msg.String.__msgtype__, msg.String(data=document.model_dump_json()))
 
 
@@ -139,22 +145,78 @@ def decode(topic: Topic[M], data: bytes) -> M:
     Raises WireError where they are no message of the topic's type.
     """
     if issubclass(topic.type, Document):
-        return cast("M", decode_document(topic.type, data))
+        return cast("M", _decode_document(topic.type, data))
     return cast("M", _decode(type_name(topic), data))
 
 
-def decode_document(kind: type[D], data: bytes) -> D:
-    """The document of a kind in CDR bytes.
+def _decode_document(kind: type[D], data: bytes) -> D:
+    return document_of(kind, _decode(document_types.type_name_of(kind), data))
+
+
+def document_of(kind: type[D], message: Any) -> D:
+    """The document of a kind in its message of mazebot_msgs.
+
+    Raises WireError where it is no such document.
+    """
+    with _invalid_schema():
+        return kind.model_validate(document_types.unpack(kind, message))
+
+
+def decode_json(kind: type[D], data: bytes) -> D:
+    """The document of a kind in the CDR bytes of a std_msgs/String.
 
     Raises WireError where they are no such document.
     """
     text = cast("msg.String", _decode(msg.String.__msgtype__, data)).data
-    try:
+    with _invalid_schema():
         return kind.model_validate_json(text)
+
+
+@contextlib.contextmanager
+def _invalid_schema() -> Iterator[None]:
+    try:
+        yield
     except ValidationError as error:
         raise WireError("invalid schema", _first_mistake(error)) from error
     except RecursionError as error:
         raise WireError("malformed", str(error)) from error
+    except ValueError as error:
+        raise WireError("invalid schema", str(error)) from error
+
+
+def decoder_of_another_version(
+    topic: Topic[M], type_name_: str, definition: str
+) -> Callable[[bytes], M] | None:
+    """A function that decodes a topic's documents as another version of Mazebot recorded them: with
+    other fields, or as JSON in std_msgs/String, as before mazebot_msgs. It raises WireError.
+
+    None: they are of another type, or as in this version. `definition` is the text of the type and
+    of those in it; empty where it is not known.
+    """
+    kind = cast("type[Document]", topic.type)
+    if not issubclass(kind, Document):
+        return None
+    if type_name_ == msg.String.__msgtype__:
+        return cast("Callable[[bytes], M]", functools.partial(decode_json, kind))
+    if type_name_ != type_name(topic) or not definition:
+        return None
+    try:
+        types = get_types_from_msg(definition, type_name_)
+        if all(msg.TYPESTORE.fielddefs.get(name) == found for name, found in types.items()):
+            return None
+        store = get_typestore(Stores.EMPTY)
+        store.register(types)
+    except (TypesysError, ValueError, KeyError, AssertionError):
+        return None
+
+    def decode_theirs(data: bytes) -> M:
+        try:
+            message = store.deserialize_cdr(data, type_name_)
+        except (SerdeError, RecursionError, MemoryError, OverflowError, AssertionError) as error:
+            raise WireError("malformed", str(error)) from error
+        return cast("M", document_of(kind, message))
+
+    return decode_theirs
 
 
 def _decode(type_name_: str, data: bytes) -> object:
@@ -186,7 +248,7 @@ def read_type(type_name_: str, data: bytes) -> Any:
 @functools.cache
 def _most_bytes(type_name_: str) -> int:
     """Size limit of a message: the large one for types with a byte array, and for documents."""
-    if type_name_ == msg.String.__msgtype__:
+    if type_name_ == msg.String.__msgtype__ or type_name_.startswith(document_types.PACKAGE):
         return MAX_MESSAGE_BYTES
     for _, (kind, what) in msg.TYPESTORE.fielddefs[type_name_][1]:
         if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):

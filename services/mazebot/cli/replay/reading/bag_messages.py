@@ -18,6 +18,7 @@ from mazebot.common.maths.frames import MAP_FRAME, ODOM_FRAME
 from mazebot.common.messages import documents as doc
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages import wire
+from mazebot.common.messages.documents import Document
 from mazebot.common.messages.topics import (
     BY_NAME,
     CAMERA_IMAGE,
@@ -44,7 +45,7 @@ _MAP_TEXT = MAP_FRAME.encode() + b"\0"
 class _Channel(NamedTuple):
     topic: Topic[Any]
     decode: Decode | None
-    """Where the bag's definition is another one."""
+    """Where the bag's definition, or the form of a document, is another one."""
 
 
 def open_bag(path: Path, slam: bool = False) -> Recording:
@@ -90,6 +91,10 @@ def _channels(connections: list[Any], recording: Recording) -> dict[int, _Channe
             recording.left_out[connection.topic] = (
                 f"is encoded as {encoding_of(connection)}: must be {CDR}"
             )
+        elif decode := wire.decoder_of_another_version(
+            topic, connection.msgtype, connection.msgdef.data
+        ):
+            channels[connection.id] = _Channel(topic, decode)
         elif connection.msgtype != wire.type_name(topic):
             recording.left_out[connection.topic] = (
                 f"is {connection.msgtype}: must be {wire.type_name(topic)}"
@@ -186,9 +191,14 @@ def _decoded(channel: _Channel, data: bytes) -> Any:
     if channel.decode is None:
         return wire.decode(channel.topic, data)
     try:
-        return channel.decode(data)
+        message = channel.decode(data)
+    except wire.WireError:
+        raise
     except Exception as error:
         raise wire.WireError("malformed", str(error)) from error
+    if issubclass(channel.topic.type, Document) and not isinstance(message, Document):
+        return wire.document_of(channel.topic.type, message)
+    return message
 
 
 def _fitted(channel: _Channel, data: bytes, time: BagTime) -> Any:

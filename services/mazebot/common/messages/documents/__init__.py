@@ -1,4 +1,5 @@
-"""Mazebot's own JSON documents, sent in std_msgs/String where ROS has no message type.
+"""Mazebot's own messages, where ROS has no type: on topics as those of `mazebot_msgs`, made from
+them in `document_types.py`; in queries as JSON in std_msgs/String.
 
 Each one is a frozen pydantic model: unknown keys and non-finite numbers are rejected.
 Lengths are metres, angles radians, times seconds of simulation, in the frame `map` unless a name

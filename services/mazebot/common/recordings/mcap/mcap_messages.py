@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+from mazebot.common.messages import wire
+from mazebot.common.messages.topics import BY_NAME
 from mazebot.common.node.node import Envelope
 from mazebot.common.recordings.mcap import mcap_records as rec
 from mazebot.common.recordings.mcap.mcap_scan import content, records
@@ -56,6 +58,19 @@ class _Route(NamedTuple):
     source: str
     world_hash: str
     made_from: str
+    decode: Callable[[bytes], Any] | None
+    """Where its documents are as another version of Mazebot recorded them."""
+
+    def as_today(self, data: bytes) -> tuple[str, bytes]:
+        """The type and the bytes of a message."""
+        if self.decode is None:
+            return self.type_name, data
+        topic = BY_NAME[self.topic]
+        try:
+            return wire.type_name(topic), wire.encode(topic, self.decode(data))
+        except wire.WireError as error:
+            # Its reader tells that it is none of the topic's.
+            return f"{self.type_name} of another version ({error.reason})", data
 
 
 _WITH_MESSAGES = (rec.SCHEMA, rec.CHANNEL, rec.MESSAGE, rec.CHUNK)
@@ -64,7 +79,7 @@ _WITH_MESSAGES = (rec.SCHEMA, rec.CHANNEL, rec.MESSAGE, rec.CHUNK)
 def _read_part(
     path: Path, topics: Collection[str] | None, skips_repeated: bool
 ) -> Iterator[RecordedMessage]:
-    schemas: dict[int, str] = {}
+    schemas: dict[int, rec.Schema] = {}
     routes: dict[int, _Route] = {}
     skipped = 0
     head_bytes = rec.MESSAGE_HEAD.size
@@ -81,7 +96,7 @@ def _read_part(
                 for opcode, start, end in inner:
                     if opcode == rec.SCHEMA:
                         schema = rec.read_schema(block[start:end])
-                        schemas[schema.id] = schema.name
+                        schemas[schema.id] = schema
                     elif opcode == rec.CHANNEL:
                         channel = rec.read_channel(block[start:end])
                         routes.pop(channel.id, None)
@@ -95,8 +110,7 @@ def _read_part(
                         if route is not None:
                             yield RecordedMessage(
                                 route.topic,
-                                route.type_name,
-                                block[start + head_bytes : end],
+                                *route.as_today(block[start + head_bytes : end]),
                                 Envelope(route.source, sequence, sent_ns, route.world_hash),
                                 log_ns,
                                 route.made_from,
@@ -123,12 +137,19 @@ def _is_wanted(topic: str, topics: Collection[str] | None) -> bool:
     return topics is None or topic in topics
 
 
-def _route(channel: rec.Channel, schemas: Mapping[int, str]) -> _Route:
-    texts = channel.metadata
+def _route(channel: rec.Channel, schemas: Mapping[int, rec.Schema]) -> _Route:
+    texts, schema = channel.metadata, schemas.get(channel.schema_id)
+    type_name = schema.name if schema is not None else ""
+    topic = BY_NAME.get(channel.topic)
+    decode = None
+    if schema is not None and topic is not None:
+        text = schema.data.decode(errors="replace")
+        decode = wire.decoder_of_another_version(topic, type_name, text)
     return _Route(
         channel.topic,
-        schemas.get(channel.schema_id, ""),
+        type_name,
         texts.get(SOURCE, ""),
         texts.get(WORLD_HASH, ""),
         texts.get(MADE_FROM, ""),
+        decode,
     )
