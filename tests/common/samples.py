@@ -245,6 +245,9 @@ SAMPLES: dict[Topic[Any], Any] = {
     ),
     table.PARTICLE_CLOUD: msg.PoseArray(HEADER, [POSE, POSE]),
     table.GLOBAL_COSTMAP: GRID,
+    table.GLOBAL_COSTMAP_UPDATES: msg.OccupancyGridUpdate(
+        HEADER, 3, 1, 2, 1, np.array([100, -1], np.int8)
+    ),
     table.LOCAL_COSTMAP: GRID,
     table.PUBLISHED_FOOTPRINT: msg.PolygonStamped(
         HEADER,

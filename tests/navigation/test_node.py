@@ -44,6 +44,7 @@ from mazebot.common.messages.topics import (
     DETECTIONS,
     ENTITIES,
     GLOBAL_COSTMAP,
+    GLOBAL_COSTMAP_UPDATES,
     GLOBAL_LOCALIZATION_REQUEST,
     GOAL_POSE,
     INITIAL_POSE,
@@ -589,6 +590,33 @@ def test_a_doorway_closed_on_the_way_ends_in_a_stop_and_a_code() -> None:
     assert np.linalg.norm(from_box, axis=1).min() > 0.2
     assert wall_distance_m(driver.log.points_m()).min() > 0.23
     assert len(driver.of(GLOBAL_COSTMAP)) > 1
+
+
+def test_the_global_costmap_with_its_updates_is_the_next_one() -> None:
+    driver = ready()
+    driver.goal(LOCATIONS["location3"])
+    driver.run(2.5)
+    driver.extra_segments = box_segments(1.33, -0.87, 0.85)
+    driver.run(3.0)
+    costmaps, updates = driver.of(GLOBAL_COSTMAP), driver.of(GLOBAL_COSTMAP_UPDATES)
+    assert len(updates) > len(costmaps) > 1
+    stamp_ns = [msg.ns_from_time(one.header.stamp) for one in costmaps]
+    changed = late = 0
+    for (before, after), times in zip(
+        itertools.pairwise(costmaps), itertools.pairwise(stamp_ns), strict=True
+    ):
+        cells, wanted = msg.cells_from_grid(before).copy(), msg.cells_from_grid(after)
+        changed += np.count_nonzero(cells != wanted)
+        for update in updates:
+            if times[0] < msg.ns_from_time(update.header.stamp) < times[1]:
+                wire.validate(GLOBAL_COSTMAP_UPDATES, update)
+                rows = np.s_[update.y : update.y + update.height]
+                columns = np.s_[update.x : update.x + update.width]
+                cells[rows, columns] = update.data.reshape(update.height, update.width)
+        late += np.count_nonzero(cells != wanted)
+    # What has changed since the last update is in the costmap alone.
+    assert late < changed
+    assert min(update.width * update.height for update in updates) < wanted.size
 
 
 def test_without_scans_the_robot_stands_until_they_come_back() -> None:

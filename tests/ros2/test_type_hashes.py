@@ -44,7 +44,7 @@ TYPES = sorted({wire.type_name(topic) for topic in TOPICS})
 @pytest.mark.parametrize("store", [Stores.ROS2_JAZZY, Stores.ROS2_KILTED, Stores.ROS2_LYRICAL])
 def test_of_every_topic_in_each_distribution(store: Stores, tmp_path: Path) -> None:
     types = get_typestore(store)
-    for kind, text in msg.VISION_MSGS.items():
+    for kind, text in msg.OTHER_MESSAGES.items():
         types.register(get_types_from_msg(text, kind.__msgtype__))
     for name in (one for one in TYPES if one.startswith(PACKAGE)):
         types.register(get_types_from_msg(definition_of(name), name))

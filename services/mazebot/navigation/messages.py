@@ -29,6 +29,7 @@ from mazebot.navigation.control.collision import Velocity
 from mazebot.navigation.control.mppi.mppi import Trajectories
 from mazebot.navigation.control.safety.collision_monitor import MonitorState
 from mazebot.navigation.costmap.footprint import Footprint
+from mazebot.navigation.costmap.inflation_layer import Window
 from mazebot.navigation.costmap.layered_costmap import GridFrame, LayeredCostmap
 from mazebot.navigation.errors import NavigationError
 from mazebot.navigation.planning.path import PlannedPath, path_through
@@ -124,6 +125,18 @@ def costmap_message(now_ns: int, costmap: LayeredCostmap, frame_id: str) -> msg.
         SE2(frame.origin_x_m, frame.origin_y_m, 0.0),
         costmap.master.occupancy(),
         frame_id,
+    )
+
+
+def costmap_update_message(
+    now_ns: int, costmap: LayeredCostmap, window: Window, frame_id: str
+) -> msg.OccupancyGridUpdate:
+    """A part of the costmap: from a row to another one, from a column to another one."""
+    row0, row1, column0, column1 = window
+    cells = costmap.master.occupancy(np.s_[row0:row1, column0:column1])
+    rows, columns = cells.shape
+    return msg.OccupancyGridUpdate(
+        msg.header(now_ns, frame_id), column0, row0, columns, rows, cells.reshape(-1)
     )
 
 

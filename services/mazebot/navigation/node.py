@@ -48,6 +48,7 @@ from mazebot.common.messages.topics import (
     DETECTIONS,
     ENTITIES,
     GLOBAL_COSTMAP,
+    GLOBAL_COSTMAP_UPDATES,
     GLOBAL_LOCALIZATION_REQUEST,
     GOAL_POSE,
     INPUT_AT_WAYPOINT,
@@ -114,6 +115,7 @@ from mazebot.navigation.mask_files import masks_of
 from mazebot.navigation.messages import (
     camera_view,
     costmap_message,
+    costmap_update_message,
     feedback_document,
     footprint_message,
     goal_of,
@@ -134,6 +136,7 @@ _LOG = logging.getLogger("navigation")
 _STATUS_PERIOD_NS = 500_000_000
 _FEEDBACK_PERIOD_NS = 200_000_000
 _COSTMAP_PERIOD_NS = 1_000_000_000
+_COSTMAP_UPDATES_PERIOD_NS = 200_000_000
 _LOCAL_COSTMAP_PERIOD_NS = 500_000_000
 _TREE_PERIOD_NS = 200_000_000
 _TRAJECTORIES_PERIOD_NS = 500_000_000
@@ -179,6 +182,7 @@ class NavigationNode(Node):
         """The action and its tree last published."""
         self._schedule = Schedule()
         self._costmap_shown = -1
+        self._frame_shown: GridFrame | None = None
         self._masks = masks_of(config)
         self._zones_shown: Zones | None = None
         self._goals = Goals()
@@ -674,7 +678,19 @@ class NavigationNode(Node):
             return
         if self._schedule.is_due("costmap", now_ns, _COSTMAP_PERIOD_NS):
             self._costmap_shown = costmap.revision
+            self._frame_shown = costmap.frame
+            costmap.take_changed()
             outbox.offer(GLOBAL_COSTMAP, lambda: costmap_message(now_ns, costmap, MAP_FRAME))
+        elif costmap.frame is self._frame_shown and outbox.is_read(GLOBAL_COSTMAP_UPDATES):
+            self._publish_costmap_update(now_ns, outbox, costmap)
+
+    def _publish_costmap_update(self, now_ns: int, outbox: Outbox, costmap: LayeredCostmap) -> None:
+        if not self._schedule.is_due("costmap updates", now_ns, _COSTMAP_UPDATES_PERIOD_NS):
+            return
+        changed = costmap.take_changed()
+        if changed is not None:
+            update = costmap_update_message(now_ns, costmap, changed, MAP_FRAME)
+            outbox.put(GLOBAL_COSTMAP_UPDATES, update)
 
     def _publish_tree(self, now_ns: int, outbox: Outbox, navigator: BtNavigator) -> None:
         if not outbox.is_read(BEHAVIOR_TREE):

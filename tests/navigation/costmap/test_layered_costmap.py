@@ -218,6 +218,28 @@ def test_updating_windows_gives_the_same_as_the_whole() -> None:
     assert np.array_equal(costmap.master.distance_m, whole.distance_m)
 
 
+def test_what_changed_is_within_the_window_that_is_taken() -> None:
+    costmap = room(160)
+    costmap.take_changed()
+    assert costmap.take_changed() is None
+    random = np.random.default_rng(3)
+    shown = costmap.master.occupancy().copy()
+    smaller = 0
+    for i in range(30):
+        for _ in range(random.integers(1, 4)):
+            sensor = SE2(*random.uniform((1.0, 1.0, -3.0), (7.0, 7.0, 3.0)))
+            ranges = np.full(360, np.inf, np.float32)
+            ranges[: random.integers(1, 40)] = random.uniform(0.3, 1.5)
+            costmap.update(sensor, turn(ranges, i * 100_000_000), map_from_base=sensor)
+        window = costmap.take_changed()
+        if window is not None:
+            at = np.s_[window[0] : window[1], window[2] : window[3]]
+            shown[at] = costmap.master.occupancy(at)
+            smaller += shown[at].size < shown.size
+        assert np.array_equal(shown, costmap.master.occupancy())
+    assert smaller > 20
+
+
 def test_a_window_counts_what_stands_just_outside_it() -> None:
     sensor = SE2(4.0, 4.0, 0.0)
     for dx, dy in ((1.5, 0.0), (0.0, 1.5), (-1.5, 0.0), (0.0, -1.5)):

@@ -1,7 +1,7 @@
 """The ROS 2 (Jazzy) message types under their own names, and helper functions that fill them.
 
-The classes of standard packages come from `rosbags`; vision_msgs, which it does not ship, is
-declared here.
+The classes of standard packages come from `rosbags`; those of vision_msgs and map_msgs, which it
+does not ship, are declared here.
 Stamps are simulation time. Lengths are metres, angles radians, unless a name says otherwise.
 """
 
@@ -186,7 +186,25 @@ class Detection3DArray:
     __msgtype__: ClassVar[str] = "vision_msgs/msg/Detection3DArray"
 
 
-VISION_MSGS: dict[type[RosMessage], str] = {
+@dataclass
+class OccupancyGridUpdate:
+    """map_msgs/OccupancyGridUpdate: cells of a part of a grid that was published before, row by
+    row; x and y are the column and the row of its first cell.
+    """
+
+    header: Header
+    x: int
+    y: int
+    width: int
+    height: int
+    data: NDArray[np.int8]
+    __msgtype__: ClassVar[str] = "map_msgs/msg/OccupancyGridUpdate"
+
+
+OTHER_MESSAGES: dict[type[RosMessage], str] = {
+    OccupancyGridUpdate: (
+        "std_msgs/Header header\nint32 x\nint32 y\nuint32 width\nuint32 height\nint8[] data\n"
+    ),
     ObjectHypothesis: "string class_id\nfloat64 score\n",
     ObjectHypothesisWithPose: (
         "vision_msgs/ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose\n"
@@ -201,7 +219,7 @@ VISION_MSGS: dict[type[RosMessage], str] = {
 
 
 TYPESTORE = get_typestore(Stores.ROS2_JAZZY)
-for _class, _text in VISION_MSGS.items():
+for _class, _text in OTHER_MESSAGES.items():
     TYPESTORE.register(get_types_from_msg(_text, _class.__msgtype__))
     # Decoding then yields the classes above, which the type checker knows.
     TYPESTORE.types[_class.__msgtype__] = _class

@@ -288,6 +288,10 @@ GLOBAL_COSTMAP = Topic(
     "/global_costmap/costmap", msg.OccupancyGrid, ("navigation",), ("recorder",), _LATCHED,
     "cost of each cell, 100 lethal, 99 inscribed", rate_hz=1,
 )  # fmt: skip
+GLOBAL_COSTMAP_UPDATES = Topic(
+    "/global_costmap/costmap_updates", msg.OccupancyGridUpdate, ("navigation",), ("recorder",),
+    _EVERY, "the part of the global costmap that has changed since it was published", rate_hz=5,
+)  # fmt: skip
 KEEPOUT_FILTER_MASK = Topic(
     "/keepout_filter_mask", msg.OccupancyGrid, ("navigation",), ("recorder",), _LATCHED,
     "where the robot must not drive: 100; only where there are keepout zones", large=True,

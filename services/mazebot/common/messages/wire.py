@@ -470,6 +470,12 @@ def _grid(grid: msg.OccupancyGrid) -> str:
     return "" if MIN_CELL_SIDE_M <= info.resolution <= MAX_CELL_SIDE_M else _OUT_OF_RANGE
 
 
+def _grid_update(update: msg.OccupancyGridUpdate) -> str:
+    if len(update.data) != update.height * update.width:
+        return "wrong length"
+    return "" if min(update.x, update.y) >= 0 else _OUT_OF_RANGE
+
+
 def _beams(scan: msg.LaserScan) -> str:
     sweep_rad = abs(scan.angle_increment) * len(scan.ranges)
     most_rad = max(abs(scan.angle_min), sweep_rad)
@@ -493,6 +499,7 @@ _EXTRA: dict[str, _Check] = {
     "sensor_msgs/msg/Image": _image,
     "sensor_msgs/msg/LaserScan": _beams,
     "nav_msgs/msg/OccupancyGrid": _grid,
+    "map_msgs/msg/OccupancyGridUpdate": _grid_update,
     "geometry_msgs/msg/Quaternion": _unit,
     "tf2_msgs/msg/TFMessage": _frames,
 }

@@ -124,11 +124,11 @@ class Costmap:
         column, row = self.frame.place(x_m, y_m)
         return float(distance_at(self.distance_m, float(column), float(row)))
 
-    def occupancy(self) -> Cells:
+    def occupancy(self, part: tuple[slice, slice] = np.s_[:, :]) -> Cells:
         """(rows, columns) int8 as published by nav2's Costmap2DPublisher: 100 lethal, 99 inscribed,
-        -1 unknown.
+        -1 unknown; of all cells or a part of them.
         """
-        return _OCCUPANCY_FROM_COST[self.costs]
+        return _OCCUPANCY_FROM_COST[self.costs[part]]
 
 
 def _occupancy_from_cost() -> Cells:

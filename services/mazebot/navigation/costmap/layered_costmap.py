@@ -97,6 +97,7 @@ class LayeredCostmap:
         self._zones = _NO_ZONES
         self.revision = 0
         """Increases with every change of the master costmap."""
+        self._changed: Window | None = None
         self._place(frame, cells)
         self._combine(None)
 
@@ -340,6 +341,13 @@ class LayeredCostmap:
     def _walls_m(self) -> Clearance | None:
         return self.static.distance_m
 
+    def take_changed(self) -> Window | None:
+        """The smallest window with all changes of the master costmap since it was last taken; None:
+        there was none.
+        """
+        changed, self._changed = self._changed, None
+        return changed
+
     def _clear_square(self, pose: SE2, side_m: float, inside: bool) -> None:
         column, row = self.frame.place(pose.x_m, pose.y_m)
         half = side_m / 2.0 / self.frame.resolution_m
@@ -392,6 +400,11 @@ class LayeredCostmap:
         self._join(window)
         self._compose(self.master, self._marked(), window)
         self.revision += 1
+        known = self._changed or window
+        self._changed = (
+            min(known[0], window[0]), max(known[1], window[1]),
+            min(known[2], window[2]), max(known[3], window[3]),
+        )  # fmt: skip
 
     def _compose(
         self, costmap: Costmap, marked: Mask, window: Window, zones: Costs | None = None

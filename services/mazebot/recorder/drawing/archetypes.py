@@ -34,6 +34,7 @@ from mazebot.common.messages.topics import (
     EXPLORE_RESUME,
     FRONTIERS,
     GLOBAL_COSTMAP,
+    GLOBAL_COSTMAP_UPDATES,
     GLOBAL_LOCALIZATION_REQUEST,
     GOAL_POSE,
     GROUND_TRUTH_ODOM,
@@ -268,4 +269,5 @@ DRAW: dict[Topic[Any], Callable[[Canvas, Any], None]] = {
     ROBOT_DESCRIPTION: draw_nothing,
     ENTITY_MARKERS: draw_nothing,
     PUBLISHED_FOOTPRINT: draw_nothing,
+    GLOBAL_COSTMAP_UPDATES: draw_nothing,
 }
