@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -242,6 +243,24 @@ SAMPLES: dict[Topic[Any], Any] = {
     table.GOAL_POSE: msg.PoseStamped(HEADER, POSE),
     table.AMCL_POSE: msg.PoseWithCovarianceStamped(
         HEADER, msg.PoseWithCovariance(POSE, COVARIANCE)
+    ),
+    table.BATTERY_STATE: msg.BatteryState(
+        HEADER,
+        12.0,
+        math.nan,
+        -0.5,
+        1.5,
+        1.8,
+        1.8,
+        0.75,
+        power_supply_status=2,
+        power_supply_health=1,
+        power_supply_technology=3,
+        present=True,
+        cell_voltage=np.full(3, 4.0, np.float32),
+        cell_temperature=np.zeros(0, np.float32),
+        location="",
+        serial_number="",
     ),
     table.PARTICLE_CLOUD: msg.PoseArray(HEADER, [POSE, POSE]),
     table.GLOBAL_COSTMAP: GRID,

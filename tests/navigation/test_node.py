@@ -606,14 +606,14 @@ def test_the_global_costmap_with_its_updates_is_the_next_one() -> None:
         itertools.pairwise(costmaps), itertools.pairwise(stamp_ns), strict=True
     ):
         cells, wanted = msg.cells_from_grid(before).copy(), msg.cells_from_grid(after)
-        changed += np.count_nonzero(cells != wanted)
+        changed += int(np.count_nonzero(cells != wanted))
         for update in updates:
             if times[0] < msg.ns_from_time(update.header.stamp) < times[1]:
                 wire.validate(GLOBAL_COSTMAP_UPDATES, update)
                 rows = np.s_[update.y : update.y + update.height]
                 columns = np.s_[update.x : update.x + update.width]
                 cells[rows, columns] = update.data.reshape(update.height, update.width)
-        late += np.count_nonzero(cells != wanted)
+        late += int(np.count_nonzero(cells != wanted))
     # What has changed since the last update is in the costmap alone.
     assert late < changed
     assert min(update.width * update.height for update in updates) < wanted.size

@@ -16,6 +16,7 @@ from mazebot.common.messages import wire
 from mazebot.common.messages.documents import Entities, MarkerEntity, SimulationStats, World
 from mazebot.common.messages.topics import (
     ASSETS,
+    BATTERY_STATE,
     CAMERA_IMAGE,
     CAMERA_INFO,
     CLOCK,
@@ -92,6 +93,7 @@ def test_every_stamp_is_a_multiple_of_the_step() -> None:
         ODOM: 30,
         TF: 30,
         JOINT_STATES: 30,
+        BATTERY_STATE: 1,
         GROUND_TRUTH_ODOM: 30,
         SCAN: 5,
         SIMULATION_STATS: 6,  # one of them at the load

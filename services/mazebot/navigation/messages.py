@@ -22,7 +22,7 @@ from mazebot.common.messages.error_codes import ErrorCode
 from mazebot.common.world.costmap import Cells
 from mazebot.navigation.behavior import actions
 from mazebot.navigation.behavior.actions import Request, TaskFeedback, TaskResult, TaskStatus
-from mazebot.navigation.behavior.context import ClearRequest
+from mazebot.navigation.behavior.context import BatteryCharge, ClearRequest
 from mazebot.navigation.behavior.docking.docks import CameraView
 from mazebot.navigation.behavior.engine.tree import NodeSnapshot
 from mazebot.navigation.control.collision import Velocity
@@ -34,6 +34,8 @@ from mazebot.navigation.costmap.layered_costmap import GridFrame, LayeredCostmap
 from mazebot.navigation.errors import NavigationError
 from mazebot.navigation.planning.path import PlannedPath, path_through
 
+_CHARGING = 1
+"""sensor_msgs/msg/BatteryState.POWER_SUPPLY_STATUS_CHARGING"""
 _ACTIONS = {
     "NavigateToPose": "navigate_to_pose",
     "NavigateThroughPoses": "navigate_through_poses",
@@ -114,6 +116,13 @@ def camera_view(info: msg.CameraInfo, base_from_camera: Array) -> CameraView | N
     if not (np.isfinite([fx, fy, cx, cy]).all() and fx > 0.0 and fy > 0.0):
         return None
     return CameraView(base_from_camera, (fx, fy), (cx, cy), (info.width, info.height))
+
+
+def battery_charge(state: msg.BatteryState) -> BatteryCharge:
+    """What a battery says."""
+    return BatteryCharge(
+        state.percentage, state.voltage, state.power_supply_status == _CHARGING
+    )  # fmt: skip
 
 
 def costmap_message(now_ns: int, costmap: LayeredCostmap, frame_id: str) -> msg.OccupancyGrid:

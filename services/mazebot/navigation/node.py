@@ -36,6 +36,7 @@ from mazebot.common.messages.topics import (
     ACTION_FEEDBACK,
     ACTION_RESULT,
     AMCL_POSE,
+    BATTERY_STATE,
     BEHAVIOR_TREE,
     CAMERA_INFO,
     CANCEL_GOAL,
@@ -113,6 +114,7 @@ from mazebot.navigation.goals import Goal, Goals, input_at_waypoint, pause_goal
 from mazebot.navigation.kernels import check_parts, compile_kernels
 from mazebot.navigation.mask_files import masks_of
 from mazebot.navigation.messages import (
+    battery_charge,
     camera_view,
     costmap_message,
     costmap_update_message,
@@ -254,6 +256,8 @@ class NavigationNode(Node):
         self._look_for_sources(inbox)
         self._take_depth_scans(inbox)
         self._take_detections(inbox)
+        for battery in inbox.new(BATTERY_STATE):
+            self._measured.battery = battery_charge(battery)
         for twist in inbox.new(CMD_VEL_TELEOP):
             wanted = Velocity(twist.twist.linear.x, twist.twist.angular.z)
             self._measured.take_teleop(now_ns, wanted)

@@ -99,6 +99,22 @@ class PhysicsConfig(ServiceConfig):
         le=0.2,
         description="standard deviation of a wheel's measured travel after one metre; 0: only slip",
     )
+    battery_capacity_ah: float = Field(
+        1.8, gt=0.0, le=1000.0, description="charge of the full battery; TurtleBot3's: 11.1 V"
+    )
+    battery_current_a: float = Field(
+        0.9,
+        ge=0.0,
+        le=1000.0,
+        description="current that the robot takes: by default the battery lasts for 2 h, as is "
+        "expected of a TurtleBot3 waffle. An empty battery does not stop the robot",
+    )
+    battery_charge_at_start: float = Field(
+        1.0,
+        ge=0.0,
+        le=1.0,
+        description="share of the capacity at time 0, and so after each reset",
+    )
     gyro_noise_rad_s: float = Field(
         2e-4, ge=0.0, le=1.0, description="standard deviation of each axis of the gyroscope"
     )

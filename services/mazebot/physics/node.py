@@ -28,6 +28,7 @@ from mazebot.common.messages.documents import (
 from mazebot.common.messages.messages import ns_from_time
 from mazebot.common.messages.topics import (
     ASSETS,
+    BATTERY_STATE,
     CAMERA_COMPRESSED,
     CAMERA_IMAGE,
     CAMERA_INFO,
@@ -59,6 +60,7 @@ from mazebot.common.world.geometry import TriangleMesh
 from mazebot.common.world.placement import Placement
 from mazebot.common.world.surfaces import Surface, surfaces
 from mazebot.physics.assets import Assets, meshes_of
+from mazebot.physics.battery import Battery
 from mazebot.physics.bodies.entities import change_text, establish
 from mazebot.physics.bodies.robot_model import ModelError, robot_model_from_urdf
 from mazebot.physics.bodies.world_limits import MAX_LENGTH_M
@@ -111,6 +113,9 @@ class PhysicsNode(ClockNode):
         """Raises ConfigError if the robot's model or the requested renderer is not available."""
         self._config = config
         self._urdf = config.robot_urdf()
+        self._battery = Battery(
+            config.battery_capacity_ah, config.battery_current_a, config.battery_charge_at_start
+        )
         try:
             self._model = robot_model_from_urdf(self._urdf)
             self._wheels = WheelFrames.of(self._model)
@@ -185,7 +190,9 @@ class PhysicsNode(ClockNode):
 
     def nominal_rates_hz(self) -> dict[str, float]:
         """See Node."""
-        config, fixed = self._config, (CLOCK, TF, ODOM, JOINT_STATES, IMU, GROUND_TRUTH_ODOM)
+        config, fixed = self._config, (
+            CLOCK, TF, ODOM, JOINT_STATES, IMU, GROUND_TRUTH_ODOM, BATTERY_STATE,
+        )  # fmt: skip
         rates = {topic.name: topic.rate_hz or 1.0 for topic in fixed}
         rates[SCAN.name] = config.scan_rate_hz
         if self._renderer is not None:
@@ -591,13 +598,14 @@ class PhysicsNode(ClockNode):
             (IMU.rate_hz, self._put_imu),
             (ODOM.rate_hz, self._put_odometry),
             (self._config.scan_rate_hz, self._put_scan),
+            (BATTERY_STATE.rate_hz, self._put_battery),
             (SIMULATION_STATS.rate_hz, self._put_stats),
             (SIMULATION_CHECKPOINT.rate_hz, self._put_checkpoint),
             (CLOCK.rate_hz, self._put_clock),
         ]
         if self._renderer is not None:
             # After the statistics, which wait for the hash of all pictures before.
-            rates.insert(5, (self._config.camera_rate_hz, self._put_picture))
+            rates.insert(6, (self._config.camera_rate_hz, self._put_picture))
         periods = [(steps_per_period(rate or 1.0), report) for rate, report in rates]
         cycle = math.lcm(*(period for period, _ in periods))
         return [
@@ -619,6 +627,9 @@ class PhysicsNode(ClockNode):
         speeds_rad_s = simulation.wheel_speeds_rad_s
         outbox.offer(JOINT_STATES, lambda: joint_states(angles_rad, speeds_rad_s, now_ns))
         outbox.offer(GROUND_TRUTH_ODOM, lambda: ground_truth(bodies, now_ns))
+
+    def _put_battery(self, _: Simulation, now_ns: int, outbox: Outbox) -> None:
+        outbox.offer(BATTERY_STATE, lambda: self._battery.message(now_ns))
 
     def _put_scan(self, simulation: Simulation, now_ns: int, outbox: Outbox) -> None:
         outbox.put(SCAN, simulation.lidar.read(now_ns))

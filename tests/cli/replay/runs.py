@@ -61,7 +61,7 @@ def write_bag(
             return writer.add_connection(topic, kind, **how)
 
         channels = {name: channel(name, wire.type_name(topic)) for name, topic in topics.items()}
-        battery = channel("/battery_state", "sensor_msgs/msg/BatteryState")
+        battery = channel("/dock/battery_state", "sensor_msgs/msg/BatteryState")
         twist = channel("/cmd_vel", "geometry_msgs/msg/Twist")
         ticks = channel("/clock", "rosgraph_msgs/msg/Clock") if clock else None
         still = HUMBLE.types["geometry_msgs/msg/Twist"](

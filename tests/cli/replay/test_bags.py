@@ -52,7 +52,7 @@ def test_what_fits_is_replayed_with_stamps_from_zero_and_the_rest_is_named(
         assert counts[name] == written[name], name
     assert counts["/world"] == 1
     assert recording.left_out == {
-        "/battery_state": "not a topic of Mazebot",
+        "/dock/battery_state": "not a topic of Mazebot",
         "/cmd_vel": "is geometry_msgs/msg/Twist: must be geometry_msgs/msg/TwistStamped",
     }
     assert not recording.unfit

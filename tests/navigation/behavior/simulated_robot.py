@@ -13,6 +13,7 @@ from mazebot.common.messages.scan import Scan
 from mazebot.navigation.behavior.actions import Request, TaskResult
 from mazebot.navigation.behavior.bt_navigator import BtNavigator, NavigatorParams
 from mazebot.navigation.behavior.context import (
+    BatteryCharge,
     ClearRequest,
     Dock,
     FollowRequest,
@@ -58,6 +59,7 @@ class SimulatedRobot:
     goal_updates: tuple[SE2, ...] = ()
     docks: Docks = field(default_factory=Docks)
     sighting: MarkerPose | None = None
+    charge: BatteryCharge | None = None
 
     def __post_init__(self) -> None:
         loaded = house()
@@ -151,6 +153,9 @@ class SimulatedRobot:
 
     def updated_goals(self) -> tuple[SE2, ...]:
         return self.goal_updates
+
+    def battery(self) -> BatteryCharge | None:
+        return self.charge
 
     def teleop(self) -> Velocity | None:
         return self.wanted

@@ -473,12 +473,12 @@ def test_docking_drives_to_the_staging_pose_and_looks_for_the_marker() -> None:
 
 def test_a_tree_that_cannot_be_used_is_refused_by_name(tmp_path: Path) -> None:
     path = tmp_path / "broken.xml"
-    path.write_text(document("<IsBatteryLow/>"))
+    path.write_text(document("<FollowObject/>"))
     drive = Drive()
-    with pytest.raises(NavigationError, match=r"broken.xml:1: IsBatteryLow is not") as caught:
+    with pytest.raises(NavigationError, match=r"broken.xml:1: FollowObject is not") as caught:
         drive.navigator.start(0, NavigateToPose(NEAR, str(path)))
     assert caught.value.code is ErrorCode.FAILED_TO_LOAD_BEHAVIOR_TREE
-    with pytest.raises(ConfigError, match="IsBatteryLow"):
+    with pytest.raises(ConfigError, match="FollowObject"):
         Drive(params=NavigatorParams(BtNavigatorParams(default_nav_to_pose_bt_xml=str(path))))
 
 

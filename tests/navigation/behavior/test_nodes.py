@@ -7,7 +7,7 @@ import pytest
 
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages.error_codes import ErrorCode
-from mazebot.navigation.behavior.context import ClearRequest, TrackingFeedback
+from mazebot.navigation.behavior.context import BatteryCharge, ClearRequest, TrackingFeedback
 from mazebot.navigation.behavior.engine.blackboard import Blackboard
 from mazebot.navigation.behavior.nodes.goals import REQUESTED
 from mazebot.navigation.behavior.nodes.nodes_goals import WaypointState, WaypointStatus
@@ -251,6 +251,21 @@ def test_conditions_about_poses() -> None:
     assert occupied.tick() == "S"
     occupied.blackboard.set("pose", AT_ORIGIN)
     assert occupied.tick() == "F"
+
+
+def test_conditions_about_the_battery() -> None:
+    robot = SimulatedRobot()
+    low = leaf("IsBatteryLow", robot, min_battery="0.25", battery_topic="/battery_state")
+    low_v = leaf("IsBatteryLow", robot, min_battery="10.5", is_voltage="true")
+    charging = leaf("IsBatteryCharging", robot)
+    # Of a battery that has said nothing, nothing is known.
+    assert low.tick() + low_v.tick() + charging.tick() == "FFF"
+    robot.charge = BatteryCharge(0.26, 10.5, is_charging=False)
+    assert low.tick() + low_v.tick() + charging.tick() == "FSF"
+    robot.charge = BatteryCharge(0.25, 10.6, is_charging=True)
+    assert low.tick() + low_v.tick() + charging.tick() == "SFS"
+    robot.charge = BatteryCharge(math.nan, 10.6, is_charging=False)
+    assert low.tick() == "F"
 
 
 def test_conditions_about_localisation() -> None:

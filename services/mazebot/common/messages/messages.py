@@ -56,6 +56,7 @@ from rosbags.typesys.stores.ros2_jazzy import nav_msgs__msg__Path as Path
 from rosbags.typesys.stores.ros2_jazzy import rcl_interfaces__msg__Log as Log
 from rosbags.typesys.stores.ros2_jazzy import rcl_interfaces__msg__ParameterEvent as ParameterEvent
 from rosbags.typesys.stores.ros2_jazzy import rosgraph_msgs__msg__Clock as Clock
+from rosbags.typesys.stores.ros2_jazzy import sensor_msgs__msg__BatteryState as BatteryState
 from rosbags.typesys.stores.ros2_jazzy import sensor_msgs__msg__CameraInfo as CameraInfo
 from rosbags.typesys.stores.ros2_jazzy import sensor_msgs__msg__CompressedImage as CompressedImage
 from rosbags.typesys.stores.ros2_jazzy import sensor_msgs__msg__Image as Image
@@ -85,6 +86,7 @@ from mazebot.common.maths.frames import (
 )
 
 __all__ = [
+    "BatteryState",
     "Bool",
     "CameraInfo",
     "Clock",

@@ -171,6 +171,10 @@ JOINT_STATES = Topic(
     "/joint_states", msg.JointState, ("physics",), ("recorder",), _LATEST,
     "wheel angles and speeds", rate_hz=30,
 )  # fmt: skip
+BATTERY_STATE = Topic(
+    "/battery_state", msg.BatteryState, ("physics",), ("navigation", "recorder"), _LATEST,
+    "charge of the battery, 0 to 1 in `percentage`, as in ROS", rate_hz=1,
+)  # fmt: skip
 IMU = Topic(
     "/imu", msg.Imu, ("physics",), ("recorder",), _LATEST,
     "gyroscope and accelerometer", rate_hz=120, depth=10,

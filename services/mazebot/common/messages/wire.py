@@ -386,6 +386,9 @@ def _checker(type_name_: str) -> _Check:
 
 def _collect(type_name_: str, prefix: str, fields: _Fields) -> None:
     """Collect the fields to check in a type, and in its nested types."""
+    if type_name_ == msg.BatteryState.__msgtype__:
+        fields.extras.append((prefix.removesuffix("."), _battery))
+        return
     for name, (kind, what) in msg.TYPESTORE.fielddefs[type_name_][1]:
         path = prefix + name
         is_list = kind in (Nodetype.ARRAY, Nodetype.SEQUENCE)
@@ -474,6 +477,15 @@ def _grid_update(update: msg.OccupancyGridUpdate) -> str:
     if len(update.data) != update.height * update.width:
         return "wrong length"
     return "" if min(update.x, update.y) >= 0 else _OUT_OF_RANGE
+
+
+def _battery(state: msg.BatteryState) -> str:
+    """What was not measured is NaN."""
+    measured = (
+        state.voltage, state.temperature, state.current, state.charge, state.capacity,
+        state.design_capacity, state.percentage, *state.cell_voltage, *state.cell_temperature,
+    )  # fmt: skip
+    return _within([float(value) for value in measured if not math.isnan(value)], MAX_NUMBER)
 
 
 def _beams(scan: msg.LaserScan) -> str:

@@ -121,6 +121,16 @@ _UPRIGHT = 0.5
 """Least horizontal part of the axis out of the marker's face."""
 
 
+@dataclass(frozen=True, slots=True)
+class BatteryCharge:
+    """What the battery said last."""
+
+    share: float
+    """0 to 1; NaN: it did not say."""
+    voltage_v: float
+    is_charging: bool
+
+
 class NavigationContext(Protocol):
     """The robot as behaviours see it. Poses are in the map frame unless their name gives another.
 
@@ -199,6 +209,10 @@ class NavigationContext(Protocol):
 
     def updated_goals(self) -> tuple[SE2, ...]:
         """Goals last received on `goal_update` or `goals_update`; empty: none."""
+        ...
+
+    def battery(self) -> BatteryCharge | None:
+        """The robot's battery; None: nothing was heard of it."""
         ...
 
     def teleop(self) -> Velocity | None:

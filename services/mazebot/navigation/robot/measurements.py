@@ -13,6 +13,7 @@ from mazebot.common.maths.frames import SE2, Array, wrap_angle
 from mazebot.common.maths.odometry_history import OdometryHistory
 from mazebot.common.messages.documents import LocalizationStatus
 from mazebot.common.messages.scan import Scan
+from mazebot.navigation.behavior.context import BatteryCharge
 from mazebot.navigation.control.collision import STOP, Velocity, stands
 from mazebot.navigation.control.safety.collision_monitor import moved_points
 from mazebot.navigation.control.tracking import ObstacleTracker
@@ -53,6 +54,7 @@ class Measurements:
         self.odom: tuple[int, SE2] | None = None
         self.odometry = OdometryHistory()
         self.velocity = STOP
+        self.battery: BatteryCharge | None = None
         self.map_from_odom: tuple[int, SE2] | None = None
         """The newest correction of odometry, with its stamp."""
         self.echoes: Echoes | None = None
@@ -199,6 +201,7 @@ class Measurements:
             tracker.turning(),
             len(hidden_m),
             self.is_heard,
+            self.battery,
         )
 
     def _echoes_now(self) -> Array:

@@ -9,6 +9,7 @@ from mazebot.common.maths.frames import SE2
 from mazebot.common.messages.error_codes import ErrorCode
 from mazebot.common.world.costmap import Cells
 from mazebot.navigation.behavior.context import (
+    BatteryCharge,
     ClearRequest,
     Dock,
     FollowRequest,
@@ -225,6 +226,10 @@ class RobotContext:
     def updated_goals(self) -> tuple[SE2, ...]:
         """See NavigationContext."""
         return ()
+
+    def battery(self) -> BatteryCharge | None:
+        """See NavigationContext."""
+        return self._view().battery
 
     def teleop(self) -> Velocity | None:
         """See NavigationContext."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from mazebot.common.maths.frames import SE2, Array
+from mazebot.navigation.behavior.context import BatteryCharge
 from mazebot.navigation.control.collision import Velocity
 from mazebot.navigation.control.track import Track
 
@@ -29,6 +30,7 @@ class View:
     """How many of the last echoes are of what the lidar does not show."""
     is_heard: bool = True
     """Whether commands reach the robot in time, as far as is known."""
+    battery: BatteryCharge | None = None
 
     @property
     def scanned_m(self) -> Array:

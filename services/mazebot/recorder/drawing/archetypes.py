@@ -13,6 +13,7 @@ from mazebot.common.messages.topics import (
     ACTION_RESULT,
     AMCL_POSE,
     ASSETS,
+    BATTERY_STATE,
     BEHAVIOR_TREE,
     CAMERA_COMPRESSED,
     CAMERA_IMAGE,
@@ -111,6 +112,7 @@ from mazebot.recorder.drawing.picture_drawing import (
     draw_photo,
 )
 from mazebot.recorder.drawing.robot_drawing import (
+    draw_battery,
     draw_cmd_vel,
     draw_cmd_vel_teleop,
     draw_contact,
@@ -225,6 +227,7 @@ DRAW: dict[Topic[Any], Callable[[Canvas, Any], None]] = {
     TF_STATIC: draw_tf_static,
     ODOM: draw_odom,
     JOINT_STATES: draw_joint_states,
+    BATTERY_STATE: draw_battery,
     IMU: draw_imu,
     SCAN: draw_scan,
     CAMERA_IMAGE: draw_camera_image,

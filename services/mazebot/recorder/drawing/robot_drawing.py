@@ -95,6 +95,13 @@ def draw_joint_states(canvas: Canvas, joints: msg.JointState) -> None:
                 canvas.recording.scalar(f"joint_states/{side}_rad_s", speed_rad_s)
 
 
+def draw_battery(canvas: Canvas, battery: msg.BatteryState) -> None:
+    """What is left in the battery."""
+    canvas.at(battery.header.stamp)
+    if math.isfinite(battery.percentage):
+        canvas.recording.scalar("battery/percentage", battery.percentage)
+
+
 def draw_imu(canvas: Canvas, imu: msg.Imu) -> None:
     """Yaw rate and level accelerations."""
     stamp_ns = canvas.at(imu.header.stamp)

@@ -220,6 +220,34 @@ class IsStuck(Condition):
         return now_ns - self._since_ns >= 3_000_000_000
 
 
+class IsBatteryLow(Condition):
+    """Holds while the battery has `min_battery` (0 to 1, or with `is_voltage` volts) or less; not
+    before it has said so. `/battery_state` is heard, whatever the topic.
+    """
+
+    ports = (
+        Port("min_battery", "number", required=True), Port("battery_topic"),
+        Port("is_voltage", "flag", "false"),
+    )  # fmt: skip
+
+    def _holds(self, now_ns: int) -> bool:
+        battery = self.context.battery()
+        if battery is None:
+            return False
+        level = battery.voltage_v if self.flag("is_voltage") else battery.share
+        return bool(level <= self.number("min_battery"))
+
+
+class IsBatteryCharging(Condition):
+    """Holds while the battery says that it is being charged."""
+
+    ports = (Port("battery_topic"),)
+
+    def _holds(self, now_ns: int) -> bool:
+        battery = self.context.battery()
+        return battery is not None and battery.is_charging
+
+
 class AreErrorCodesPresent(Condition):
     """Holds where an error code is one of a list."""
 
