@@ -294,7 +294,6 @@ class Inbox:
                 if isinstance(message, bytes):
                     self._kept.keep(name, message, envelope)
                 return
-            self.counts[name].take_in(envelope.source, envelope.sequence)
             if isinstance(message, bytes) and len(message) > LARGE_BYTES:
                 self.took_large = True
             queue.append((message, envelope))
@@ -306,6 +305,8 @@ class Inbox:
             if calls:
                 self.may_wake = True
             self.has_news = True
+            # Last, so that who has seen it counted, without the lock, finds it in the queue.
+            self.counts[name].take_in(envelope.source, envelope.sequence)
         if calls or self._calls_always:
             self._on_delivery()
 
