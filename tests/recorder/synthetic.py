@@ -17,6 +17,7 @@ from mazebot.common.messages import messages as msg
 from mazebot.common.messages import topics as table
 from mazebot.common.messages.topics import Topic
 from mazebot.common.node.node import Envelope, Inbox, Node, Outbox
+from mazebot.physics.battery import Battery
 from mazebot.recorder.node import RecorderNode
 
 Said = tuple[int, Topic[Any], Any]
@@ -25,6 +26,7 @@ WIDTH, HEIGHT, FOCAL_PX = 320, 240, 277.13
 STEP_NS = 33_333_333
 ERROR_M = 0.05
 """By how much the estimate is off, in x."""
+BATTERY = Battery(1.8, 0.9, 1.0)
 
 
 def png(pixels: NDArray[np.uint8]) -> tuple[str, msg.CompressedImage]:
@@ -229,6 +231,7 @@ def _slow(world: doc.World, now_ns: int, step: int) -> Iterator[Said]:
     header = msg.header(now_ns, "map")
     cloud = [msg.pose_from_se2(SE2(truth.x_m + 0.01 * i, truth.y_m, 0.1 * i)) for i in range(20)]
     yield now_ns, table.PARTICLE_CLOUD, msg.PoseArray(header, cloud)
+    yield now_ns, table.BATTERY_STATE, BATTERY.message(now_ns)
     ahead = [true_pose(now_ns + i * 1_000_000_000) for i in range(5)]
     path = [msg.PoseStamped(header, msg.pose_from_se2(pose)) for pose in ahead]
     yield now_ns, table.PLAN, msg.Path(header, path)

@@ -680,7 +680,7 @@ def test_x_is_to_the_right_and_y_up_on_the_map() -> None:
 def test_plots_and_states_show_the_whole_run() -> None:
     views = views_in(run_blueprint(Scene(extent_of(room(), {}))).root_container)
     lines = [view for view in views.values() if isinstance(view, rrb.TimeSeriesView)]
-    assert len(lines) == 9
+    assert len(lines) == 10
     for view in (*lines, views["States"]):
         (span,) = column(view.properties["TimeAxis"], "view_range").to_pylist()
         assert span == {"start": None, "end": None}

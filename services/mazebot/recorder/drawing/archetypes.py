@@ -161,6 +161,7 @@ SERIES: dict[str, tuple[str, tuple[int, int, int]]] = {
     "imu/linear_acceleration_y_m_s2": ("left", palette.TRUTH),
     "joint_states/left_rad_s": ("left wheel", palette.ESTIMATE),
     "joint_states/right_rad_s": ("right wheel", palette.TRUTH),
+    "battery/percentage": ("charge", palette.ESTIMATE),
     "clock/real_time_factor": ("real time factor", palette.TRUTH),
     "simulation/stats/watchdog_stops": ("watchdog stops", palette.BAD),
     "localization/status/quality": ("localisation quality", palette.ESTIMATE),

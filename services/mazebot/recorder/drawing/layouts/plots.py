@@ -48,10 +48,11 @@ def marker_plots() -> list[rrb.TimeSeriesView]:
 
 
 def sensor_plots() -> list[rrb.TimeSeriesView]:
-    """IMU and wheels."""
+    """IMU, wheels and battery."""
     return [
         _plot("IMU", ["/imu/**"]),
         _plot("Wheels (rad/s)", ["/joint_states/left_rad_s", "/joint_states/right_rad_s"]),
+        _plot("Battery (0 to 1)", ["/battery/percentage"]),
     ]
 
 
