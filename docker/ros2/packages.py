@@ -17,10 +17,13 @@ from pathlib import Path
 
 import numpy as np
 
+from mazebot.common.messages.document_types import PACKAGE
 from mazebot.common.messages.topics import TOPICS
-from mazebot.common.messages.type_hash import definitions_of
+from mazebot.common.messages.type_hash import definitions_of, messages_of
 from mazebot.common.messages.wire import type_name
 from mazebot.common.ros.definitions import DISTROS
+from mazebot.common.ros.interfaces import interfaces
+from mazebot.common.ros.own_services import own_definitions
 
 PREFIX = Path(sys.prefix)
 _BUILT_IN = "/opt/python/cp311-cp311"
@@ -39,7 +42,11 @@ def missing_packages(distro: str) -> dict[str, dict[str, str]]:
     """The packages of the types on the bus that are not installed: each with its files' texts by
     their paths.
     """
-    texts = dict(DISTROS[distro])
+    texts = {**DISTROS[distro], **own_definitions()}
+    for name in own_definitions():
+        for part in messages_of(name, texts[name]):
+            found = interfaces(distro).definitions_of(part)
+            texts |= {each: found[each] for each in found if each.startswith(f"{PACKAGE}/msg/")}
     for topic in TOPICS:
         texts |= definitions_of(type_name(topic))
     packages: dict[str, dict[str, str]] = defaultdict(dict)

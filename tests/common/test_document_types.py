@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 import re
 from typing import Any
 
@@ -94,10 +93,12 @@ def test_two_values_for_one_are_refused() -> None:
             wire.document_of(doc.Entities, wrong)
 
 
-def test_no_number_is_nan() -> None:
+def test_what_is_none_is_an_empty_list() -> None:
     feedback = act.ActionFeedback(goal_id="a", action="spin")
-    assert math.isnan(document_types.pack(feedback).distance_remaining_m)
+    assert len(document_types.pack(feedback).distance_remaining_m) == 0
     assert there_and_back(feedback) == feedback
+    near = feedback.model_copy(update={"distance_remaining_m": 0.0})
+    assert there_and_back(near) == near
     state = act.CollisionMonitorState(action="stop", nearest_m=(1.0, 2.0))
     assert there_and_back(state) == state
     np.testing.assert_array_equal(document_types.pack(state).nearest_m, (1.0, 2.0))
@@ -123,7 +124,7 @@ def test_the_package_has_every_topic_and_names_that_ros_and_c_take() -> None:
         assert path in files["CMakeLists.txt"]
         for line in text.splitlines():
             if not line.startswith("#"):
-                kind, name, *_ = line.split()
+                kind, name, *_ = line.partition("#")[0].split()
                 assert ROS_NAME.fullmatch(name), line
                 assert name not in C_WORDS
                 nested = kind.partition("[")[0]

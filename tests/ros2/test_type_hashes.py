@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -16,6 +17,7 @@ from mazebot.common.messages.type_hash import definitions_of, hash_of, messages_
 from mazebot.common.recordings.mcap.mcap_channels import definition_of
 from mazebot.common.ros.definitions import DISTROS
 from mazebot.common.ros.interfaces import interfaces
+from mazebot.common.ros.own_services import own_definitions
 from tests.ros2.environment import FOLDER, output_of
 
 pytestmark = pytest.mark.ros2
@@ -41,6 +43,13 @@ PACKAGES = Path(__file__).parents[2] / "ros2"
 TYPES = sorted({wire.type_name(topic) for topic in TOPICS})
 
 
+def write(folder: Path, name: str, text: str) -> None:
+    package, kind, short = name.split("/")
+    file = folder / package / kind / f"{short}.{kind}"
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(text)
+
+
 @pytest.mark.parametrize("store", [Stores.ROS2_JAZZY, Stores.ROS2_KILTED, Stores.ROS2_LYRICAL])
 def test_of_every_topic_in_each_distribution(store: Stores, tmp_path: Path) -> None:
     types = get_typestore(store)
@@ -60,13 +69,19 @@ def test_of_every_topic_in_each_distribution(store: Stores, tmp_path: Path) -> N
     assert {name: hash_of(name) for name in TYPES} == {name: official[name] for name in TYPES}
 
 
-def test_of_the_package_that_people_build() -> None:
-    official = json.loads(output_of("official_hashes", str(PACKAGES)))
-    files = list(PACKAGES.glob("*/msg/*.msg"))
-    assert official.keys() == {f"{file.parts[-3]}/msg/{file.stem}" for file in files}
-    own = [name for name in TYPES if name.startswith(PACKAGE)]
-    assert {name: hash_of(name) for name in own} == {name: official[name] for name in own}
-    assert len(own) > 20
+def test_of_the_package_that_people_build(tmp_path: Path) -> None:
+    shutil.copytree(PACKAGES / PACKAGE, tmp_path / PACKAGE)
+    for name in ("service_msgs/msg/ServiceEventInfo", "builtin_interfaces/msg/Time"):
+        write(tmp_path, name, interfaces().definitions_of(name)[name])
+    official = json.loads(output_of("official_hashes", str(tmp_path)))
+    for file in (*PACKAGES.glob("*/msg/*.msg"), *PACKAGES.glob("*/srv/*.srv")):
+        assert "/".join((*file.parts[-3:-1], file.stem)) in official
+    topics = [name for name in TYPES if name.startswith(PACKAGE)]
+    assert {name: hash_of(name) for name in topics} == {name: official[name] for name in topics}
+    assert len(topics) > 20
+    services = list(own_definitions())
+    ours = {name: interfaces().hash_of(name) for name in services}
+    assert ours == {name: official[name] for name in services}
 
 
 def test_of_messages_services_and_actions_as_published() -> None:
@@ -95,10 +110,7 @@ def test_of_every_service_and_action_in_each_distribution(distro: str, tmp_path:
                 if "/msg/" in each:
                     texts.setdefault(each, text)
     for name, text in texts.items():
-        package, kind, short = name.split("/")
-        file = tmp_path / package / kind / f"{short}.{kind}"
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(text)
+        write(tmp_path, name, text)
     official = json.loads(output_of("official_hashes", str(tmp_path)))
     assert {name: types.hash_of(name) for name in official} == official
     assert {*DISTROS[distro]} <= {*official}

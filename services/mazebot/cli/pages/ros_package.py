@@ -1,5 +1,5 @@
-"""Writes the ROS 2 package `mazebot_msgs` (`make generate`): the messages of Mazebot's own topics,
-for people who build nodes against them with colcon.
+"""Writes the ROS 2 package `mazebot_msgs` (`make generate`): the messages and services of Mazebot's
+own, for people who build nodes against them with colcon.
 """
 
 from __future__ import annotations
@@ -9,9 +9,10 @@ import sys
 from importlib.metadata import version
 from pathlib import Path
 
-from mazebot.common.messages.document_types import PACKAGE, files_of
+from mazebot.common.messages.document_types import PACKAGE, files_of, service_text
 from mazebot.common.messages.documents import Document
 from mazebot.common.messages.topics import TOPICS
+from mazebot.common.ros.own_services import OWN_QUERIES
 
 _CMAKE = """\
 cmake_minimum_required(VERSION 3.8)
@@ -29,7 +30,7 @@ _MANIFEST = """\
 <package format="3">
   <name>{package}</name>
   <version>{version}</version>
-  <description>The messages of Mazebot's own topics. Generated from its documents.</description>
+  <description>Mazebot's own messages and services, generated from its documents</description>
   <maintainer email="nobody@example.com">the Mazebot team</maintainer>
   <license>Apache-2.0</license>
   <buildtool_depend>ament_cmake</buildtool_depend>
@@ -46,7 +47,12 @@ _MANIFEST = """\
 def package_files() -> dict[str, str]:
     """The texts of the package's files, by their paths in it."""
     kinds = (topic.type for topic in TOPICS if issubclass(topic.type, Document))
-    messages = {f"msg/{name}.msg": file.text for name, file in files_of(kinds).items()}
+    asked = [kind for query in OWN_QUERIES for kind in (query.request, query.response)]
+    messages = {f"msg/{name}.msg": file.text for name, file in files_of(kinds, asked).items()}
+    messages |= {
+        f"srv/{query.request.__name__}.srv": service_text(query.request, query.response)
+        for query in OWN_QUERIES
+    }
     names = "\n".join(f'  "{path}"' for path in messages)
     return {
         "CMakeLists.txt": _CMAKE.format(package=PACKAGE, files=names),

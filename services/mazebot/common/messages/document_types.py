@@ -4,10 +4,9 @@ each document class, made from its fields.
 | field of a document | field of the message |
 | --- | --- |
 | `float`, `int`, `bool`, `str`, names | `float64`, `int64`, `bool`, `string` |
-| `float` or none | `float64`, NaN: none |
 | fixed number of floats | `float64[N]` |
 | list | `X[]`; of points in the plane: `Point2[]`; of lists: `XList[]` |
-| anything else or none | `X[<=1]` |
+| anything or none | `X[<=1]`; of N floats `float64[<=N]` |
 | one of several documents | a message with an `X[<=1]` for each, of which one is there |
 | counts by name, JSON values by name | `Count[]`, `JsonValue[]` |
 """
@@ -16,12 +15,12 @@ from __future__ import annotations
 
 import functools
 import itertools
-import math
+import json
 import re
 import threading
 import types
 import typing
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, Literal, cast
 
@@ -80,6 +79,8 @@ class _Field:
     ros_name: str
     rule: _Rule
     about: str
+    default: str = ""
+    """As in a .msg file; empty: zero, or none."""
 
 
 @dataclass(frozen=True)
@@ -92,11 +93,16 @@ class MessageFile:
     @property
     def text(self) -> str:
         """Its content."""
-        lines = [f"# {self.about}"]
+        return "".join(self.lines())
+
+    def lines(self, about: bool = True) -> list[str]:
+        """Its lines; with what they are about, and default values, if wanted."""
+        lines = [f"# {self.about}\n"] if about else []
         for field in self.fields:
-            about = f"  # {field.about}" if field.about else ""
-            lines.append(f"{field.rule.type} {field.ros_name}{about}")
-        return "\n".join(lines) + "\n"
+            comment = f"  # {field.about}" if field.about else ""
+            also = f"{field.default and ' '}{field.default}{comment}" if about else ""
+            lines.append(f"{field.rule.type} {field.ros_name}{also}\n")
+        return lines
 
     @property
     def needs(self) -> list[str]:
@@ -130,9 +136,29 @@ def unpack(kind: type[Document], message: Any) -> dict[str, Any]:
     return cast("dict[str, Any]", _converters(kind)[1](message))
 
 
-def files_of(kinds: Iterator[type[Document]]) -> dict[str, MessageFile]:
-    """The .msg files of document classes and of all in them, by short name in their order."""
+def names_of(kind: type[Document]) -> list[str]:
+    """The names of the fields of a document's message."""
+    return [field.ros_name for field in _file_of(kind).fields]
+
+
+def service_text(request: type[Document], response: type[Document], about: bool = True) -> str:
+    """The .srv file of two documents."""
+    parts = [_file_of(kind).lines(about) for kind in (request, response)]
+    return "".join([*parts[0], "---\n", *parts[1]])
+
+
+def _file_of(kind: type[Document]) -> MessageFile:
+    return _files[type_name_of(kind).rpartition("/")[2]]
+
+
+def files_of(
+    kinds: Iterable[type[Document]], in_services: Iterable[type[Document]] = ()
+) -> dict[str, MessageFile]:
+    """The .msg files of document classes and of all in them, by short name in their order; of those
+    that are a service's request or response, only of what is in them.
+    """
     waiting = [type_name_of(kind).rpartition("/")[2] for kind in kinds]
+    waiting += [needed for kind in in_services for needed in _file_of(kind).needs]
     found: dict[str, MessageFile] = {}
     while waiting:
         name = waiting.pop()
@@ -183,7 +209,8 @@ def _document_rule(kind: type[Document]) -> _Rule:
         about = _one_line((info.description or "").replace("null", "none"))
         if typing.get_origin(info.annotation) is Literal:
             about = "; ".join(filter(None, (" | ".join(typing.get_args(info.annotation)), about)))
-        fields.append(_Field(name, _RENAMED.get((kind, name), name), rule, about))
+        ros_name = _RENAMED.get((kind, name), name)
+        fields.append(_Field(name, ros_name, rule, about, _default(rule, info.default)))
     return _defined(kind.__name__, _one_line(kind.__doc__ or ""), fields)
 
 
@@ -294,12 +321,6 @@ def _point() -> _Rule:
 
 
 def _or_none(rule: _Rule) -> _Rule:
-    if rule.type == "float64":
-        return _Rule(
-            rule.type,
-            lambda value: math.nan if value is None else value,
-            lambda number: None if math.isnan(number) else number,
-        )
     if rule.fixed:
         none = np.zeros(0)
         return _Rule(
@@ -384,6 +405,12 @@ def _by_name(kind: Any) -> _Rule:
         lambda items: {one.name: read(one.value) for one in items},
         is_list=True,
     )
+
+
+def _default(rule: _Rule, value: Any) -> str:
+    if rule.type not in _BASES.values() or type(value) not in _BASES or not value:
+        return ""
+    return str(value).lower() if isinstance(value, bool) else json.dumps(value)
 
 
 def _snake(name: str) -> str:

@@ -16,6 +16,7 @@ from mazebot.common.messages import cdr, wire
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.type_hash import definitions_of, hash_by_messages, messages_of
 from mazebot.common.ros.definitions import DISTROS
+from mazebot.common.ros.own_services import own_definitions
 
 DEFAULT_DISTRO = "jazzy"
 
@@ -26,7 +27,7 @@ class Versioned(list[Mapping[str, Any]]):
     """
 
 
-_FIELD = re.compile(r"(?P<type>[\w/]+)(?P<list>\[(?P<size>\d*)\])?\s+(?P<name>\w+)")
+_FIELD = re.compile(r"(?P<type>[\w/]+)(?P<list>\[(?P<at_most><=)?(?P<size>\d*)\])?\s+(?P<name>\w+)")
 _BASES = {
     "bool", "byte", "char", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64",
     "uint64", "float32", "float64", "string",
@@ -49,7 +50,7 @@ class Interfaces:
     def __init__(self, distro: str = DEFAULT_DISTRO) -> None:
         self._distro = distro
         self._texts: dict[str, str] = {}
-        for name, text in DISTROS[distro].items():
+        for name, text in {**DISTROS[distro], **own_definitions()}.items():
             self._texts |= messages_of(name, text)
         self._hashes: dict[str, str] = {}
 
@@ -74,7 +75,7 @@ class Interfaces:
             found[each] = self._texts[each]
             waiting += [
                 field_type
-                for field_type, *_ in _fields(each, self._texts[each].replace("[<=1]", "[]"))
+                for field_type, *_ in _fields(each, self._texts[each])
                 if field_type not in _BASES
             ]
         return found
@@ -114,23 +115,25 @@ class Interfaces:
         """Add a type, and those in it that the message library does not ship, to `found`."""
         fields: list[tuple[str, tuple[Nodetype, Any]]] = []
         found[f"{self._distro}_{name}"] = ([], fields)
-        for kind, is_list, size, field in _fields(name, self._texts[name]):
+        for kind, list_of, size, field in _fields(name, self._texts[name]):
             item: tuple[Nodetype, Any] = (Nodetype.BASE, (kind, 0))
             if kind not in _BASES:
                 ours = f"{self._distro}_{kind}" if kind in self._texts else kind
                 if kind in self._texts and ours not in found:
                     self._gather(kind, found)
                 item = (Nodetype.NAME, ours)
-            if is_list:
-                item = (Nodetype.ARRAY if size else Nodetype.SEQUENCE, (item, size))
+            if list_of is not None:
+                item = (list_of, (item, size))
             fields.append((field, item))
         if not fields:
             empty = (Nodetype.BASE, ("uint8", 0))
             fields.append(("structure_needs_at_least_one_member", empty))
 
 
-def _fields(name: str, text: str) -> list[tuple[str, bool, int, str]]:
-    """Type with its package, whether it is a list, the list's fixed length, and name of fields."""
+def _fields(name: str, text: str) -> list[tuple[str, Nodetype | None, int, str]]:
+    """Type with its package, the kind of list if it is one, its fixed or greatest length, and name
+    of fields.
+    """
     found = []
     for line in filter(None, map(str.strip, text.splitlines())):
         match = _FIELD.fullmatch(line)
@@ -141,7 +144,11 @@ def _fields(name: str, text: str) -> list[tuple[str, bool, int, str]]:
             package, _, short = kind.rpartition("/")
             if "/" not in package:
                 kind = f"{package or name.partition('/')[0]}/msg/{short}"
-        found.append((kind, match["list"] is not None, int(match["size"] or 0), match["name"]))
+        list_of = None
+        if match["list"] is not None:
+            is_fixed = match["size"] and not match["at_most"]
+            list_of = Nodetype.ARRAY if is_fixed else Nodetype.SEQUENCE
+        found.append((kind, list_of, int(match["size"] or 0), match["name"]))
     return found
 
 

@@ -7,6 +7,7 @@ from typing import Final
 from mazebot.common.messages.topics import SERVICES
 from mazebot.common.ros.call import Service
 from mazebot.common.ros.navigation import NAVIGATION_SERVICES, STATE_SERVICES
+from mazebot.common.ros.own_services import OWN_SERVICES
 from mazebot.common.ros.parameters import PARAMETER_SERVICES
 from mazebot.common.ros.simulation import SIMULATION_SERVICES
 
@@ -16,6 +17,7 @@ OF_EACH_NODE: Final = (*STATE_SERVICES, *PARAMETER_SERVICES)
 ROS_SERVICES: Final[tuple[Service, ...]] = (
     *SIMULATION_SERVICES,
     *NAVIGATION_SERVICES,
+    *OWN_SERVICES,
     *(
         Service(f"/{node}/{name}", kind, node, handle, about)
         for node in SERVICES
