@@ -67,6 +67,8 @@ def test_a_service_that_dies_is_started_again_and_its_death_is_said() -> None:
     with started(plan_of(physics=says("here"))) as folder:
         first = service(folder, "physics").process
         assert first is not None
+        # Killed earlier, it would say nothing.
+        wait_until(lambda: said(folder, "physics"))
         os.kill(first.pid, signal.SIGKILL)
         wait_until(lambda: service(folder, "physics").restarts == 1)
         wait_until(lambda: service(folder, "physics").process not in (None, first))

@@ -34,8 +34,10 @@ from mazebot.common.messages.topics import (
     ROBOT_DESCRIPTION,
     SCAN,
     SERVICES,
+    SIMULATION_STATS,
     TF,
     TF_STATIC,
+    WORLD,
     Delivery,
     Topic,
 )
@@ -52,7 +54,10 @@ EXAMPLES = ROOT / "examples" / "ros2"
 IMAGE = "mazebot-ros2"
 DOMAIN = 71
 KEYS = Keys(domain_id=DOMAIN)
-HEARD = SCAN, ODOM, TF, JOINT_STATES, CAMERA_IMAGE, MAP, TF_STATIC, ROBOT_DESCRIPTION
+HEARD = (
+    SCAN, ODOM, TF, JOINT_STATES, CAMERA_IMAGE, MAP, TF_STATIC, ROBOT_DESCRIPTION, WORLD,
+    SIMULATION_STATS,
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -146,6 +151,9 @@ def test_services_answer(stack: Stack, commanded: dict[str, Any]) -> None:
     assert commanded["spawned"] == [1, ""]
     assert "crate" in commanded["entities"]
     assert commanded["states"] == [1, 1]
+    *stats, world_hash = commanded["stats"]
+    assert stats == [1, False, 1.0]
+    assert len(world_hash) == 16
 
 
 def test_a_parameter_is_set_and_refused_with_its_range(commanded: dict[str, Any]) -> None:

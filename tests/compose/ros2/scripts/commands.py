@@ -11,6 +11,7 @@ from typing import Any
 
 import rclpy
 from geometry_msgs.msg import PoseStamped
+from mazebot_msgs.srv import SimulationControl
 from nav2_msgs.action import NavigateToPose
 from nav2_msgs.srv import ClearEntireCostmap, SaveMap
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
@@ -108,6 +109,8 @@ def main() -> None:
     )
     found["spawned"] = [spawned.result.result, spawned.result.error_message]
     found["entities"] = list(user.call(GetEntities, "/get_entities").entities)
+    stats = user.call(SimulationControl, "/simulation/control", speed=[1.0]).stats
+    found["stats"] = [len(stats), stats[0].paused, stats[0].speed, stats[0].world_hash]
     states = [SetSimulationState.Request(), SetSimulationState.Request()]
     states[0].state.state, states[1].state.state = 2, 1
     found["states"] = [
