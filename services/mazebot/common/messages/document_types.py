@@ -17,7 +17,6 @@ import functools
 import itertools
 import json
 import re
-import threading
 import types
 import typing
 from collections.abc import Callable, Iterable
@@ -47,7 +46,6 @@ _RENAMED: dict[tuple[type[Document], str], str] = {(doc.MarkersMapped, "false"):
 _BASES: dict[Any, str] = {bool: "bool", int: "int64", float: "float64", str: "string"}
 _DTYPES = {"int64": np.int64, "float64": np.float64, "bool": np.bool_}
 _EMPTY = "structure_needs_at_least_one_member"
-_REGISTERING = threading.RLock()
 
 _Convert = Callable[[Any], Any]
 
@@ -118,7 +116,7 @@ _files: dict[str, MessageFile] = {}
 @functools.cache
 def type_name_of(kind: type[Document]) -> str:
     """The ROS type of a document class; registered in TYPESTORE once it has been asked for."""
-    with _REGISTERING:
+    with msg.REGISTERING:
         return _register(_document_rule(kind).type)
 
 

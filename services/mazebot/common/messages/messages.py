@@ -7,6 +7,7 @@ Stamps are simulation time. Lengths are metres, angles radians, unless a name sa
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol, cast
@@ -221,6 +222,8 @@ OTHER_MESSAGES: dict[type[RosMessage], str] = {
 
 
 TYPESTORE = get_typestore(Stores.ROS2_JAZZY)
+REGISTERING = threading.RLock()
+"""Held while a type is added to it: services do so on several threads."""
 for _class, _text in OTHER_MESSAGES.items():
     TYPESTORE.register(get_types_from_msg(_text, _class.__msgtype__))
     # Decoding then yields the classes above, which the type checker knows.

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import re
 import struct
-import threading
 from collections.abc import Mapping
 from typing import Any, cast
 
@@ -36,7 +35,6 @@ _HASHED_ALSO = (
     "service_msgs/msg/ServiceEventInfo", "unique_identifier_msgs/msg/UUID",
     "builtin_interfaces/msg/Time",
 )  # fmt: skip
-_REGISTERING = threading.Lock()
 
 
 class Interfaces:
@@ -104,7 +102,7 @@ class Interfaces:
         if name not in self._texts:
             return name
         key = f"{self._distro}_{name}"
-        with _REGISTERING:
+        with msg.REGISTERING:
             if key not in msg.TYPESTORE.fielddefs:
                 found: dict[str, Any] = {}
                 self._gather(name, found)
