@@ -212,9 +212,7 @@ def _document_rule(kind: type[Document]) -> _Rule:
     return _defined(kind.__name__, _one_line(kind.__doc__ or ""), fields)
 
 
-def _defined(
-    short: str, about: str, fields: list[_Field], unpack: Callable[[Any], Any] | None = None
-) -> _Rule:
+def _defined(short: str, about: str, fields: list[_Field]) -> _Rule:
     """The rule of a message with some fields, which it defines."""
     made = MessageFile(about, tuple(fields))
     if _files.setdefault(short, made).text != made.text:
@@ -229,14 +227,14 @@ def _defined(
             return kind(0)
         return kind(*[convert(getattr(value, field)) for field, convert in read])
 
-    def back(message: Any) -> dict[str, Any]:
+    def unpack(message: Any) -> dict[str, Any]:
         try:
             return {field: convert(getattr(message, ros)) for field, ros, convert in written}
         except AttributeError:
             there = [one for one in written if hasattr(message, one[1])]
             return {field: convert(getattr(message, ros)) for field, ros, convert in there}
 
-    return _Rule(short, pack, unpack or back)
+    return _Rule(short, pack, unpack)
 
 
 def _rule(kind: Any, place: str) -> _Rule:
