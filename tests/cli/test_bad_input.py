@@ -102,6 +102,9 @@ demo --texture_base '' : --texture_base|empty
 demo --worlds-dir nowhere : nowhere
 demo --worlds-dir file.txt : file.txt
 demo --worlds-dir '' : --worlds-dir|empty
+demo --goal 0.5 -0.9 0 --goal 1 1 : --goal|1 1|must be given once
+demo --world original --world=enhanced : --world|enhanced|must be given once
+plan --map a.yaml --start 0,0 --goal 1,1 --map b.yaml : --map|b.yaml|must be given once
 demo --goal 1 : --goal|1|Y|2 or 3 numbers
 demo --goal 1 nan 0 : --goal|nan|finite
 demo --goal inf 0 0 : --goal|inf|finite

@@ -27,17 +27,23 @@ class Command(TyperCommand):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Move the arguments behind `--`, so that none is parsed as an option; then parse.
 
-        Raises ConfigError where an option or an argument is an empty text.
+        Raises ConfigError where an option or an argument is an empty text, or an option that has
+        one value is given again.
         """
         if ctx.resilient_parsing:
             # Incomplete arguments, for shell completion.
             return super().parse_args(ctx, args)
-        takes = {
-            name: 0 if getattr(param, "is_flag", False) else param.nargs
+        named = {
+            name: param
             for param in self.get_params(ctx)
             if param.param_type_name == "option"
             for name in (*param.opts, *param.secondary_opts)
         }
+        takes = {
+            name: 0 if getattr(param, "is_flag", False) else param.nargs
+            for name, param in named.items()
+        }
+        seen: set[str | None] = set()
         options: list[str] = []
         arguments: list[str] = []
         waiting = list(reversed(args))
@@ -63,6 +69,10 @@ class Command(TyperCommand):
                 raise ConfigError(f"{word}: {given}must be followed by {many}")
             if "" in values or (equals and name in takes and not value):
                 raise ConfigError(f"{name}: '': must not be empty")
+            if takes.get(name) and not getattr(named[name], "multiple", False):
+                if named[name].name in seen:
+                    raise ConfigError(f"{name}: {' '.join(values) or value}: must be given once")
+                seen.add(named[name].name)
             options += [word, *values]
         if "" in arguments:
             raise ConfigError(f"{ctx.command_path}: '': an argument must not be empty")
