@@ -5,6 +5,8 @@ const address = (version) => `/viewer/${encodeURIComponent(version)}/widget.js`;
 
 const AGAIN_MS = 1000;
 const SAME_S = 0.002;
+/** So often in a row must a moment that was wanted be found shown. */
+const STAYS = 5;
 
 export class Viewer {
   #listeners = new Map();
@@ -14,6 +16,7 @@ export class Viewer {
   #isReady;
   #observer;
   #soughtS = null;
+  #stays = 0;
   #shownS = null;
   #hasOpened = false;
   #again = 0;
@@ -80,11 +83,13 @@ export class Viewer {
   async seek(time_s) {
     await this.#ready;
     this.#soughtS = time_s;
+    this.#stays = 0;
     this.#sendTime();
   }
 
   /** The viewer ignores a time that comes while it opens a recording, however long that takes, and
-   * then follows the newest one: sent again until it stays, or the user takes the viewer over.
+   * then follows the newest one: sent again until it stays, or the user takes the viewer over. The
+   * first moment of a recording is shown at first, whatever was wanted.
    */
   #sendTime() {
     clearTimeout(this.#again);
@@ -92,7 +97,9 @@ export class Viewer {
     const duration_nanos = String(BigInt(Math.round(this.#soughtS * 1e9)));
     this.#send({ type: "time_ctrl", timeline: "sim_time", duration_nanos, play: false });
     this.#again = setTimeout(() => {
-      if (this.#hasOpened && Math.abs(this.#shownS - this.#soughtS) < SAME_S) this.#soughtS = null;
+      const isShown = this.#hasOpened && Math.abs(this.#shownS - this.#soughtS) < SAME_S;
+      this.#stays = isShown ? this.#stays + 1 : 0;
+      if (this.#stays >= STAYS) this.#soughtS = null;
       this.#sendTime();
     }, AGAIN_MS);
   }
