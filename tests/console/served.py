@@ -69,9 +69,9 @@ class Served:
             if data is not None and "Transfer-Encoding" not in (headers or {}):
                 connection.putheader("Content-Length", str(len(data)))
             connection.endheaders(data)
-            answer = connection.getresponse()
-            names = {name.lower(): value for name, value in answer.getheaders()}
-            return Answer(answer.status, names, answer.read())
+            with connection.getresponse() as answer:
+                names = {name.lower(): value for name, value in answer.getheaders()}
+                return Answer(answer.status, names, answer.read())
         finally:
             connection.close()
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import socket
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -153,24 +153,51 @@ def test_a_wrong_method_is_405(shared: Served, method: str, path: str) -> None:
     assert shared.ask(path, method).status == 405
 
 
+RESET = 0
+
+
+def refusal(ask: Callable[[], int]) -> int:
+    """The status of an answer. Who answers and closes before he has read all that was sent resets
+    the connection, and with it goes the answer that was under way.
+    """
+    try:
+        return ask()
+    except (ConnectionResetError, BrokenPipeError):
+        return RESET
+
+
 def test_a_huge_body_is_413_whether_it_says_so_or_not(shared: Served) -> None:
     form = {"Content-Type": "application/x-www-form-urlencoded"}
-    assert shared.ask(LABELS, "POST", form, b"x" * 70_000).status == 413
+    huge = b"x" * 70_000
+    assert refusal(lambda: shared.ask(LABELS, "POST", form, huge).status) in (RESET, 413)
     told = {**form, "Content-Length": "9" * 12}
     assert shared.ask(LABELS, "POST", told).status == 413
     with shared.connect() as chunked:
         head = f"POST {LABELS} HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n"
         chunked.sendall(head.encode() + b"Content-Type: application/json\r\n\r\n")
-        chunked.sendall((b"%x\r\n" % 70_000) + b"x" * 70_000 + b"\r\n0\r\n\r\n")
-        assert b" 413 " in chunked.recv(200)
+        sent = (b"%x\r\n" % len(huge)) + huge + b"\r\n0\r\n\r\n"
+        assert refusal(lambda: told_after(chunked, sent)) in (RESET, 413)
+    # It goes on.
+    assert shared.ask("/runs").status == 200
+
+
+def told_after(connection: socket.socket, sent: bytes) -> int:
+    """The status of what is answered to some bytes."""
+    connection.sendall(sent)
+    version, status, _ = connection.recv(200).split(b" ", 2)
+    assert version == b"HTTP/1.1"
+    return int(status)
 
 
 def test_huge_addresses_and_headers_are_refused(shared: Served) -> None:
     assert shared.ask("/runs?q=" + "x" * 5000).status == 414
-    assert shared.ask("/runs", headers={"X-Long": "x" * 100_000}).status in (400, 431)
+    long = {"X-Long": "x" * 100_000}
+    assert refusal(lambda: shared.ask("/runs", headers=long).status) in (RESET, 400, 431)
     with shared.connect() as other:
-        other.sendall(b"GET /" + b"x" * 100_000 + b" HTTP/1.1\r\nHost: localhost\r\n\r\n")
-        assert other.recv(12) in (b"HTTP/1.1 400", b"HTTP/1.1 414")
+        sent = b"GET /" + b"x" * 100_000 + b" HTTP/1.1\r\nHost: localhost\r\n\r\n"
+        assert refusal(lambda: told_after(other, sent)) in (RESET, 400, 414)
+    # It goes on.
+    assert shared.ask("/runs").status == 200
 
 
 @pytest.mark.parametrize(
