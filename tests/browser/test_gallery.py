@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 import pytest
+from playwright.sync_api import expect
 
 from mazebot.bench.parts.loopback_router import free_port
 from mazebot.recorder.config import RecorderConfig
@@ -99,8 +101,6 @@ def names(page: Page) -> list[str | None]:
 
 
 def test_runs_are_found_tagged_and_deleted(served: Served, page: Page) -> None:
-    from playwright.sync_api import expect
-
     first, second, third = RUNS
     page.goto(f"{served.url}/")
     cards = page.locator(".card")
@@ -111,8 +111,9 @@ def test_runs_are_found_tagged_and_deleted(served: Served, page: Page) -> None:
 
     page.keyboard.press("/")
     page.keyboard.type("second")
+    # A pause in the typing asks, too: the last of what was typed counts.
+    expect(page).to_have_url(f"{served.url}/runs?q=second")
     expect(cards).to_have_count(1)
-    assert page.url.endswith("/runs?q=second")
     page.reload()
     expect(cards).to_have_count(1)
     page.locator("[name=q]").fill("")
@@ -138,8 +139,6 @@ def test_runs_are_found_tagged_and_deleted(served: Served, page: Page) -> None:
 
 
 def test_a_new_run_appears_without_a_reload(served: Served, page: Page) -> None:
-    from playwright.sync_api import expect
-
     page.goto(f"{served.url}/runs")
     page.evaluate("window.kept = true")
     before = page.locator(".card").count()
@@ -158,8 +157,6 @@ def test_a_new_run_appears_without_a_reload(served: Served, page: Page) -> None:
 
 
 def test_runs_open_in_the_viewer_one_after_the_other(served: Served, page: Page) -> None:
-    from playwright.sync_api import expect
-
     first, second, *_ = RUNS
     page.goto(f"{served.url}/runs/{second}")
     page.evaluate("window.kept = true")
@@ -176,7 +173,7 @@ def test_runs_open_in_the_viewer_one_after_the_other(served: Served, page: Page)
     event.click()
     marked = page.locator("#events tr[aria-current]")
     expect(marked).to_have_attribute("data-time", str(time_s))
-    assert f"?t={float(str(time_s)):g}" in page.url
+    expect(page).to_have_url(re.compile(re.escape(f"?t={float(str(time_s)):g}")))
 
     page.keyboard.press("j")
     expect(page.locator("h1 ~ .mono")).to_have_text(first)
@@ -188,8 +185,6 @@ def test_runs_open_in_the_viewer_one_after_the_other(served: Served, page: Page)
 
 
 def test_a_running_run_is_shown_as_it_is_recorded(tmp_path: Path, browser: Browser) -> None:
-    from playwright.sync_api import expect
-
     data_port = free_port()
     config = RecorderConfig(
         recordings_dir=tmp_path,
@@ -222,8 +217,6 @@ def test_a_running_run_is_shown_as_it_is_recorded(tmp_path: Path, browser: Brows
 
 
 def test_a_report_opens_and_runs_are_compared(served: Served, page: Page) -> None:
-    from playwright.sync_api import expect
-
     first, second, *_ = RUNS
     page.goto(f"{served.url}/runs/{first}")
     expect(page.locator("[data-plot=plan] path.way.s0")).to_be_attached()
@@ -244,8 +237,6 @@ def test_a_report_opens_and_runs_are_compared(served: Served, page: Page) -> Non
 
 
 def test_a_comparison_needs_two_runs(served: Served, page: Page) -> None:
-    from playwright.sync_api import expect
-
     page.goto(f"{served.url}/runs")
     button = page.locator("#compare button")
     for count, text in enumerate(
@@ -254,7 +245,7 @@ def test_a_comparison_needs_two_runs(served: Served, page: Page) -> None:
         if count:
             page.locator(f'[data-run="{RUNS[count - 1]}"] input[name=run]').check()
         expect(button).to_have_text(text)
-        assert button.is_enabled() == (count == 2)
+        expect(button).to_be_enabled(enabled=count == 2)
 
 
 @pytest.mark.parametrize("width", [390, 700, 1024, 1440])
@@ -295,8 +286,6 @@ def test_a_phone_needs_no_scrolling_sideways(served: Served, browser: Browser) -
 
 
 def test_without_scripts_all_but_plots_and_viewer_works(served: Served, browser: Browser) -> None:
-    from playwright.sync_api import expect
-
     context = browser.new_context(java_script_enabled=False)
     page = context.new_page()
     page.goto(f"{served.url}/runs")
@@ -323,7 +312,7 @@ def test_a_page_of_which_a_part_did_not_come_is_loaded_again(
     while len(loads) < 3:
         assert time.monotonic() < end_s, loads
         page.wait_for_timeout(50.0)
-    assert page.get_by_role("alert").count() == 0
+    expect(page.get_by_role("alert")).to_have_count(0)
     # Whole at last, it stays.
     page.wait_for_timeout(1500.0)
     assert len(loads) == 3
