@@ -27,9 +27,10 @@ FAULT ?=
 EXPLORE ?=
 LINKS ?=
 CONTAINERS ?=
-# Of fuzz: messages of each kind, seconds on a running stack.
+# Of fuzz: messages of each kind, seconds on a running stack, sequences of requests.
 CASES ?=
 STACK_S ?=
+SEQUENCES ?= 300
 # A local uv if the machine has none; `python3` must then be version 3.11.
 UV := $(shell command -v uv || echo .tools/bin/uv)
 export UV_PYTHON_DOWNLOADS ?= automatic
@@ -196,9 +197,10 @@ chaos: $(STAMP) ## kill, freeze and cut off services while the robot drives (SEE
 	@.venv/bin/python -m mazebot.bench.chaos --seed $(SEED) $(TIMES:%=--times %) $(FAULT:%=--fault %) \
 		$(if $(EXPLORE),--explore) $(if $(LINKS),--links) $(if $(CONTAINERS),--containers) --plot chaos.png --json $(if $(filter file,$(origin JSON)),chaos.json,$(JSON))
 
-fuzz: $(STAMP) ## send malformed messages to every topic, query and service, and to a running stack (SEED=7 CASES=100000 STACK_S=60)
+fuzz: $(STAMP) ## send malformed messages to every topic, query and service, and to a running stack (SEED=7 CASES=100000 STACK_S=60 SEQUENCES=300)
 	@.venv/bin/python -m mazebot.bench.fuzz --seed $(SEED) $(CASES:%=--cases %) $(STACK_S:%=--seconds %) \
 		--json $(if $(filter file,$(origin JSON)),fuzz.json,$(JSON))
+	@SEQUENCES=$(SEQUENCES) .venv/bin/pytest -n 0 tests/sequences
 
 seeds: $(STAMP) ## drive the tour of both worlds over ten seeds
 	@.venv/bin/python -m mazebot.bench.whole.seeds

@@ -904,6 +904,29 @@ def asked(driver: NodeDriver, query: Any, message: Any) -> Any:
     return answer
 
 
+def test_a_goal_that_is_sent_twice_is_driven_once() -> None:
+    driver = ready()
+    goal = act.NavigateToPose(pose=planar_document(LOCATIONS["location1"]))
+    send = act.SendGoal(goal_id="a", goal=goal)
+    assert asked(driver, SEND_GOAL, send).accepted
+    driver.run(1.0)
+    assert asked(driver, SEND_GOAL, send).accepted
+    other = asked(driver, SEND_GOAL, act.SendGoal(goal_id="a", goal=act.Spin(target_yaw_rad=1.0)))
+    assert other.error_msg == "goal_id: 'a': must be unique: in use"
+    driver.run(0.2)
+    assert driver.of(ACTION_RESULT) == []
+    assert asked(driver, SEND_GOAL, act.SendGoal(goal_id="b", goal=goal)).accepted
+    driver.run(0.2)
+    (result,) = driver.of(ACTION_RESULT)
+    # As in Nav2: who sent it asked for no cancellation.
+    preempted = ("a", "aborted", ErrorCode.PREEMPTED)
+    assert (result.goal_id, result.status, result.error_code) == preempted
+    late = asked(driver, SEND_GOAL, send)
+    assert late.error_msg == "goal_id: 'a': must be unique: this goal has ended"
+    driver.run(0.2)
+    assert len(driver.of(ACTION_RESULT)) == 1
+
+
 def test_at_a_waypoint_a_picture_and_an_input_are_waited_for() -> None:
     driver = ready()
     at = driver.robot.map_from_base

@@ -204,6 +204,35 @@ def test_requests_of_one_name_keep_their_order() -> None:
     assert stage.physics.sets[-1].bodies[0].position_m[0] == 2.0
 
 
+def test_one_of_two_that_delete_at_once_is_told_that_there_is_nothing() -> None:
+    stage = Stage()
+    stage.spawn(box())
+    answers = stage.ask_all(DELETE_ENTITY, *[doc.DeleteEntity(name="box")] * 2)
+    stage.turn(3)
+    assert [one and one.error for one in answers] == ["", "name: 'box': no such entity"]
+
+
+def test_a_name_whose_spawning_is_refused_is_free_for_the_next() -> None:
+    stage = Stage()
+    requests = (
+        doc.SpawnEntity(entity=box(x_m=FAR_M)),
+        doc.SpawnEntity(entity=box(x_m=3.0), allow_renaming=True),
+    )
+    answers = stage.ask_all(SPAWN_ENTITY, *requests)
+    stage.turn(3)
+    assert [(one.name, one.error) for one in answers] == [("box", "too far"), ("box", "")]
+
+
+def test_what_is_deleted_makes_room_only_for_what_is_requested_later() -> None:
+    stage = Stage()
+    stage.spawn(box())
+    stage.transport.ask(SPAWN_ENTITY, doc.SpawnEntity(entity=box("tin")), lambda _: None)
+    stage.transport.ask(DELETE_ENTITY, doc.DeleteEntity(name="box"), lambda _: None)
+    stage.turn(8)
+    names = [[one.name for one in desired.entities] for desired in stage.physics.sets[-2:]]
+    assert names == [["aruco_7", "box", "tin"], ["aruco_7", "tin"]]
+
+
 def test_the_worlds_markers_can_be_moved_and_deleted() -> None:
     stage = Stage()
     (entity,) = stage.physics.sets[-1].markers

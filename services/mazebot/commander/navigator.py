@@ -125,7 +125,7 @@ class Navigator:
     def in_process(cls, session: Session) -> Self:
         """To a `Session`: its time passes while a method waits."""
         # A random name would make each run another.
-        return cls(session, name="navigator")
+        return cls(session, name=f"navigator_{next(session.navigators)}")
 
     def __enter__(self) -> Self:
         return self

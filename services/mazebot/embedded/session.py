@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
@@ -152,6 +153,8 @@ class Session(Robot):
         self._transport = WatchedTransport()
         self._executive = Executive(nodes, self._transport)
         self._outbox = Outbox(EdgeClient(), self._transport.send)
+        self.navigators = itertools.count(1)
+        """Numbers the `Navigator`s of this session, so that no two goals have one id."""
         self._closed = False
         self._compiling = ExitStack()
         try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import logging
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
@@ -33,6 +34,8 @@ _LOG = logging.getLogger("navigation")
 _MOST_GOALS_TRIED = 4
 """Of goals that arrive together: planning a path to each takes milliseconds."""
 
+_ENDED_KEPT = 100
+
 _RESUMED = (
     act.NavigateToPose, act.NavigateThroughPoses, act.FollowWaypoints, act.FollowPath,
     act.DockRobot,
@@ -60,6 +63,8 @@ class Goals:
     def __init__(self) -> None:
         self.current: Goal | None = None
         self._results: list[tuple[Goal, TaskResult]] = []
+        self._ended: deque[str] = deque(maxlen=_ENDED_KEPT)
+        """Ids of goals: a request that comes twice must not be done twice."""
 
     def take_poses(self, now_ns: int, poses: Sequence[msg.PoseStamped], ready: Ready) -> None:
         """Accept the newest valid goal; those before it would be preempted at once."""
@@ -90,8 +95,23 @@ class Goals:
         self._results += reversed(rejected)
 
     def send(self, now_ns: int, send: act.SendGoal, ready: Ready) -> act.SendGoalReply:
-        """Accept the goal of an action."""
+        """Accept the goal of an action. Repeating the request of the goal in progress changes
+        nothing.
+        """
+        current = self.current
         try:
+            if current is not None and current.goal_id == send.goal_id:
+                if current.asked == send.goal:
+                    return act.SendGoalReply(accepted=True)
+                raise NavigationError(
+                    ErrorCode.GOAL_REJECTED,
+                    f"goal_id: {send.goal_id!r:.70}: must be unique: in use",
+                )
+            if send.goal_id in self._ended:
+                raise NavigationError(
+                    ErrorCode.GOAL_REJECTED,
+                    f"goal_id: {send.goal_id!r:.70}: must be unique: this goal has ended",
+                )
             goal = Goal(send.goal_id, None, send.goal, now_ns)
             self._start(now_ns, request_of(send.goal), goal, ready)
         except NavigationError as error:
@@ -150,6 +170,8 @@ class Goals:
     def _keep(self, result: TaskResult | None) -> None:
         if result is not None and self.current is not None:
             self._results.append((self.current, result))
+            if self.current.goal_id:
+                self._ended.append(self.current.goal_id)
 
     def end(self, result: TaskResult | None) -> None:
         """Keep the result of the goal in progress, if it has ended."""

@@ -151,11 +151,16 @@ class DesiredSet:
                 raise _RefusedError(f"name: {message.name!r:.60}: no such entity")
             if isinstance(message, DeleteEntity):
                 if change is not None:
-                    return (Later if change.after is not None else Waits)(message.name)
+                    return Later(message.name)
                 return self._change(message.name, None)
             return self._move(message, thing, change)
         except _RefusedError as error:
             return EntityReply(error=str(error), name=name)
+
+    def is_done_first(self, message: Asked) -> bool:
+        """Whether the physics applies a change before those of this set: it deletes first."""
+        is_delete = isinstance(message, DeleteEntity)
+        return is_delete and any(one.after is not None for one in self._changes.values())
 
     def publish(self) -> bool:
         """Whether the set has changed since it was published: then it gets the next revision."""
@@ -194,9 +199,10 @@ class DesiredSet:
                 return Waits(name) if change is not None else reply_of(thing.entity)
             if thing is None and change is None and name not in self._fixed:
                 break
+            if change is not None:
+                # Whether the name is taken is not known yet.
+                return Later(name)
             if not message.allow_renaming:
-                if change is not None:
-                    return Later(name)
                 raise _RefusedError(f"name: {name!r:.60} already exists")
         size = len(entity.model_dump_json())
         self._check_room(size)

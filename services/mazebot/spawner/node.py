@@ -185,7 +185,11 @@ class SpawnerNode(Node):
         """Make the next set from all requests that can go into one."""
         later: list[_Waiting] = []
         held: set[str] = set()
-        for request in self._waiting:
+        for index, request in enumerate(self._waiting):
+            if desired.is_done_first(request.message):
+                # In this set it would be done before what was requested earlier.
+                later += self._waiting[index:]
+                break
             outcome = desired.apply(request.message, held)
             if isinstance(outcome, Waits):
                 self._in_flight.append((outcome.name, request))

@@ -219,9 +219,8 @@ def test_a_tour_is_followed_to_its_end_and_the_services_go_on(port: str) -> None
     endpoint = f"tcp/127.0.0.1:{port}"
     goal = mazebot("goal", "0.5", "0", "0", MAZEBOT_BUS_CONNECT=endpoint)
     assert goal.returncode == 0, goal.stderr
-    services = listed_on(port)
-    assert services[DEMO]["state"] == "ended (exit code 0)"
-    assert services["navigation"]["state"] == "active"
+    wait_until(lambda: listed_on(port)[DEMO]["state"] == "ended (exit code 0)")
+    assert listed_on(port)["navigation"]["state"] == "active"
     assert mazebot("down", "--router-port", port).stdout.endswith("8 services ended\n")
     (run,) = Path("recordings").iterdir()
     assert (run / "run.mcap").is_file()
@@ -236,7 +235,7 @@ def test_navigation_alone_drives_the_simulator_of_another_stack(port: str) -> No
     words = ("--world", "original", "--no-camera", "--pace", "2", "--detach")
     done = mazebot("up", "--only", "simulator", *words, "--router-port", port)
     assert done.returncode == 0, done.stderr
-    assert listed_on(port)[DEMO]["state"] == "ended (exit code 0)"
+    wait_until(lambda: listed_on(port)[DEMO]["state"] == "ended (exit code 0)")
     assert not {"localization", "navigation"} & listed_on(port).keys()
     joined = ("--connect", endpoint, "--router-port", other)
     done = mazebot("up", "--only", "navigation-only", *joined, "--detach")
@@ -252,7 +251,7 @@ def test_navigation_alone_drives_the_simulator_of_another_stack(port: str) -> No
         reached = mazebot("goal", *where, MAZEBOT_BUS_CONNECT=endpoint)
         assert reached.returncode == 0, (name, reached.stdout, reached.stderr)
     assert mazebot("down", "--router-port", other).stdout.endswith("2 services ended\n")
-    assert listed_on(port)["physics"]["state"] == "active"
+    wait_until(lambda: listed_on(port)["physics"]["state"] == "active")
     assert mazebot("down", "--router-port", port).stdout.endswith("6 services ended\n")
 
 

@@ -82,7 +82,7 @@ class Navigation(Node):
             respond(act.SendGoalReply(accepted=False, error_code=OUTSIDE, error_msg=message))
         else:
             if self.goal is not None:
-                self._end("canceled", 9010, outbox)
+                self._end("aborted", 9010, outbox)
             self.goal = wanted
             self.sent.append(wanted)
             respond(act.SendGoalReply(accepted=True))

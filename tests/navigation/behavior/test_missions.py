@@ -109,7 +109,7 @@ def test_a_new_goal_replaces_the_old_one_without_a_stop() -> None:
     other = LOCATIONS["location4"]
     old = drive.navigator.start(drive.now_ns, NavigateToPose(other))
     assert old is not None
-    assert (old.error_code, old.status) == (ErrorCode.PREEMPTED, TaskStatus.CANCELED)
+    assert (old.error_code, old.status) == (ErrorCode.PREEMPTED, TaskStatus.FAILED)
     drive.step()
     assert drive.commands[-1].linear_m_s > speed - 0.1
     result = drive.finish()

@@ -362,9 +362,12 @@ class BtNavigator:
         if ending.code == ErrorCode.NONE:
             status = TaskStatus.SUCCEEDED
             _LOG.info("Goal succeeded")
-        elif ending in (_PREEMPTED, _CANCELED):
+        elif ending is _CANCELED:
             status = TaskStatus.CANCELED
-            _LOG.info("Goal was %s", "canceled" if ending is _CANCELED else "preempted")
+            _LOG.info("Goal was canceled")
+        elif ending is _PREEMPTED:
+            # Its client asked for no cancellation: as in Nav2 it is aborted.
+            _LOG.info("Goal was preempted")
         else:
             name = code_name(running.request.action, ending.code)
             _LOG.error("Goal failed with error %d (%s): %s", ending.code, name, ending.message)

@@ -140,11 +140,9 @@ class ActionServer:
             feedback = self._action.feedback(message)
             self._publish["feedback"]({"goal_id": _uuid(goal.goal_id), "feedback": feedback})
             return
-        status = _STATUSES[message.status]
-        if message.error_code == ErrorCode.PREEMPTED:
-            # Its client asked for no cancellation; so does Nav2.
-            status = GoalStatus.ABORTED
-        self._end(goal, Ended(status, self._action.result(message, goal.message)))
+        self._end(
+            goal, Ended(_STATUSES[message.status], self._action.result(message, goal.message))
+        )
 
     def _send_goal(self, request: Any, respond: Respond, refuse: Refuse) -> None:
         goal_id = request.goal_id.uuid.tobytes().hex()
@@ -156,6 +154,10 @@ class ActionServer:
 
         def accept(ended: Ended | None) -> None:
             with self._lock:
+                if goal_id in self._goals:
+                    # Two requests of one id were under way.
+                    respond({"accepted": False})
+                    return
                 self._forget_oldest()
                 self._goals[goal_id] = goal
                 goal.status = GoalStatus.EXECUTING
