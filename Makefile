@@ -114,6 +114,7 @@ docs: .venv-docs/.installed ## build the site of all pages into site/ (no networ
 test: $(STAMP) ## run the tests: no Docker, no network, no GPU
 	@.venv/bin/pytest -n 2 --dist worksteal -m "not compose and not browser and not slow and not ros2"
 
+# Those of the group `real_time` drive by the wall clock, or load the machine: never two at once.
 test-slow: $(STAMP) ## run the long tests: every world driven, two hundred mazes
 	@.venv/bin/pytest -n 2 --dist loadgroup --no-loadscope-reorder -m slow
 

@@ -38,6 +38,7 @@ def trials_of(tmp_path: Path, *options: str) -> list[dict[str, object]]:
 
 
 @pytest.mark.slow
+@pytest.mark.xdist_group("real_time")
 @pytest.mark.timeout(900)
 def test_the_robot_drives_on_after_the_main_faults(tmp_path: Path) -> None:
     trials = trials_of(tmp_path, "--short")
@@ -45,6 +46,7 @@ def test_the_robot_drives_on_after_the_main_faults(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.xdist_group("real_time")
 @pytest.mark.timeout(900)
 def test_an_exploration_goes_on_with_its_map_after_faults(tmp_path: Path) -> None:
     faults = ("kill-explorer", "kill-physics+mapping")

@@ -23,7 +23,7 @@ from mazebot.common.messages.messages import DiagnosticArray, TwistStamped, ns_f
 from mazebot.common.messages.topics import CMD_VEL, DIAGNOSTICS, SIMULATION_CONTROL, Topic
 from mazebot.common.messages.wire import decode
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("real_time")]
 
 DEADLINE_S = 60.0
 LONG_S = 6.0

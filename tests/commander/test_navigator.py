@@ -208,6 +208,7 @@ def test_a_map_takes_the_place_of_the_worlds(
 
 
 @pytest.mark.slow
+@pytest.mark.xdist_group("real_time")
 def test_the_same_program_drives_a_running_stack() -> None:
     with running_stack() as endpoint, Navigator.connect(endpoint) as navigator:
         navigator.waitUntilNav2Active()

@@ -264,6 +264,7 @@ def endpoint() -> Iterator[str]:
 
 
 @pytest.mark.slow
+@pytest.mark.xdist_group("real_time")
 @pytest.mark.timeout(600)
 def test_a_running_stack_does_what_each_command_says(
     endpoint: str, tmp_path: Path, subtests: pytest.Subtests
@@ -303,6 +304,7 @@ def test_a_run_is_replayed_on_a_router_as_each_command_says(
 
 
 @pytest.mark.slow
+@pytest.mark.xdist_group("real_time")
 @pytest.mark.timeout(900)
 def test_services_are_started_and_ended_as_each_command_says(
     tmp_path: Path, subtests: pytest.Subtests

@@ -53,6 +53,7 @@ def test_a_program_in_the_pages_runs(example: Example, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.xdist_group("real_time")
 @pytest.mark.parametrize("example", [one for one in PYTHON if "zenoh.open" in one.text], ids=str)
 def test_a_program_in_the_pages_drives_a_running_stack(
     example: Example, endpoint: str, tmp_path: Path

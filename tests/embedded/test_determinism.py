@@ -67,6 +67,7 @@ def assert_same(first: Path, second: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.xdist_group("real_time")
 @pytest.mark.timeout(240)
 def test_a_run_is_the_same_under_load_and_another_with_another_seed(tmp_path: Path) -> None:
     short: dict[str, Any] = {
@@ -82,6 +83,7 @@ def test_a_run_is_the_same_under_load_and_another_with_another_seed(tmp_path: Pa
 
 
 @pytest.mark.slow
+@pytest.mark.xdist_group("real_time")
 @pytest.mark.timeout(3600)
 def test_whole_tours_with_the_camera_are_the_same_under_load(tmp_path: Path) -> None:
     drive(tmp_path / "0")

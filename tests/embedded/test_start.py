@@ -97,7 +97,10 @@ def start(code: str, kernels: Path | None, *arguments: str) -> subprocess.Popen[
     return subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
 
 
-def test_a_tour_imports_nothing_of_what_it_does_not_use() -> None:
+def test_a_tour_imports_nothing_of_what_it_does_not_use(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MAZEBOT_RECORDER_RECORDINGS_DIR", str(tmp_path))
     *_, modules = run(IMPORTED)
     imported = set(modules.split())
     assert "mazebot.navigation.node" in imported

@@ -117,6 +117,7 @@ def test_every_message_is_the_same_between_processes_in_lockstep(
 
 
 @pytest.mark.slow
+@pytest.mark.xdist_group("real_time")
 @pytest.mark.timeout(240)
 @pytest.mark.parametrize("burners", [0, 1, 2])
 def test_lockstep_repeats_also_where_the_machine_is_busy(

@@ -24,6 +24,7 @@ from mazebot.common.config import ConfigError, fail
 from mazebot.common.files.key_file import Key, KeyFileError, file_of, read_key
 from mazebot.common.settings.load import load
 from mazebot.router.config import RouterConfig
+from mazebot.router.stopping import STOPS, stop_came
 
 EXIT_NO_RESPONSE = 70
 PERIOD_S = 1.0
@@ -33,7 +34,6 @@ _STARVED_S = 0.2
 """Time that the router's threads wait for a processor in a period, from which on it is starved."""
 _STARVED_TICK = 0.2
 STOP_S = 3.0
-STOPS = {signal.SIGTERM, signal.SIGINT}
 
 
 class ResponseTimer:
@@ -85,14 +85,13 @@ def main(arguments: list[str]) -> NoReturn:
     except ConfigError as error:
         fail(str(error))
     # The end of the router wakes the loop below at once.
-    signals = {*STOPS, signal.SIGCHLD}
-    signal.pthread_sigmask(signal.SIG_BLOCK, signals)
+    signal.pthread_sigmask(signal.SIG_BLOCK, {*STOPS, signal.SIGCHLD})
     router = subprocess.Popen([sys.executable, "-m", "mazebot.router.process", *arguments])
     timer = ResponseTimer(round(config.silence_s / PERIOD_S))
     asking = threading.Thread(target=_ask, args=(config, timer), daemon=True)
     asking.start()
     starvation = Starvation(router.pid)
-    while (came := signal.sigtimedwait(signals, PERIOD_S)) is None or came.si_signo not in STOPS:
+    while not stop_came(PERIOD_S, (signal.SIGCHLD,)):
         code = router.poll()
         if code is not None:
             _end(code if code >= 0 else 128 - code)

@@ -14,8 +14,8 @@ from mazebot.common.resident import give_back_freed
 from mazebot.common.settings.load import load
 from mazebot.router.config import RouterConfig
 from mazebot.router.router import Router
+from mazebot.router.stopping import STOPS, stop_came
 
-STOPS = (signal.SIGTERM, signal.SIGINT)
 KEYS_PERIOD_S = 0.5
 """Within this time a new key opens, and a revoked one is refused."""
 GIVE_BACK_PERIOD_S = 5.0
@@ -34,7 +34,7 @@ def main(arguments: list[str]) -> None:
         router = Router(config, load(BusConfig, "bus", []).keys)
         logging.getLogger("router").info("listening on %s", config.listen)
         given_s = time.monotonic()
-        while signal.sigtimedwait(STOPS, KEYS_PERIOD_S) is None:
+        while not stop_came(KEYS_PERIOD_S):
             router.take_new_keys()
             if time.monotonic() - given_s > GIVE_BACK_PERIOD_S:
                 given_s = time.monotonic()

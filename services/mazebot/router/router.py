@@ -8,17 +8,21 @@ import os
 import socket
 import tempfile
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 import zenoh
 
 from mazebot.common.bus.liveliness import alive_key
 from mazebot.common.bus.session import close_links_at_once
 from mazebot.common.config import ConfigError
-from mazebot.common.messages.keys import DEFAULT_KEYS, Keys
+from mazebot.common.messages.keys import DEFAULT_KEYS, Keys, types_of
+from mazebot.common.messages.topics import TOPICS
+from mazebot.common.messages.wire import MAX_MESSAGE_BYTES, most_bytes
 from mazebot.router.config import RouterConfig
 
 SETTINGS_FILE = Path(__file__).with_name("router.json5")
+_ATTACHMENT_BYTES = 1024
+"""More than any has; Zenoh counts it in."""
 RECEIVING_THREADS = 8
 """Each thread forwards the messages of one connection; Zenoh's default of two is soon blocked by
 slow readers.
@@ -45,6 +49,7 @@ class Router:
         settings = zenoh.Config.from_file(SETTINGS_FILE)
         settings.insert_json5("listen/endpoints", json.dumps([self.endpoint]))
         settings.insert_json5("listen/exit_on_failure", "true")
+        settings.insert_json5("low_pass_filter", json.dumps(size_limits(self._keys)))
         with tempfile.NamedTemporaryFile("w", encoding="utf-8") as users:
             # Read while it opens.
             if self._lock is not None:
@@ -86,6 +91,26 @@ class Router:
         """Close every connection."""
         self._token.undeclare()  # type: ignore[no-untyped-call]
         self._session.close()  # type: ignore[no-untyped-call]
+
+
+def size_limits(keys: Keys) -> list[dict[str, Any]]:
+    """Zenoh's `low_pass_filter`: what every reader would refuse for its size is not passed on."""
+    by_bytes: dict[int, list[str]] = {}
+    for topic in TOPICS:
+        for name in types_of(topic):
+            by_bytes.setdefault(most_bytes(name), []).append(keys.of_topic(topic, name))
+    return [
+        {
+            "id": f"at most {most} bytes",
+            "flows": ["ingress"],
+            "messages": ["put"],
+            # On the plain wire, the types of a topic have one key.
+            "key_exprs": list(dict.fromkeys(found)),
+            "size_limit": most + _ATTACHMENT_BYTES,
+        }
+        for most, found in by_bytes.items()
+        if most < MAX_MESSAGE_BYTES
+    ]
 
 
 class Lock:

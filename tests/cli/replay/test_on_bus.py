@@ -203,6 +203,7 @@ def test_in_lockstep_a_service_on_the_bus_does_what_was_recorded_to_the_last_bit
 
 
 @pytest.mark.slow
+@pytest.mark.xdist_group("real_time")
 def test_by_the_wall_clock_a_service_stays_within_bounds(run_folder: Path, endpoint: str) -> None:
     with service("navigation", endpoint, "real_time"):
         told = compared(run_folder, endpoint, "navigation")

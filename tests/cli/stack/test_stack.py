@@ -204,6 +204,7 @@ def test_ctrl_c_ends_all(port: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.xdist_group("real_time")
 @pytest.mark.timeout(400)
 def test_a_tour_is_followed_to_its_end_and_the_services_go_on(port: str) -> None:
     words = ("--world", "original", "--no-camera", "--pace", "2", "--router-port", port)
@@ -227,6 +228,7 @@ def test_a_tour_is_followed_to_its_end_and_the_services_go_on(port: str) -> None
 
 
 @pytest.mark.slow
+@pytest.mark.xdist_group("real_time")
 @pytest.mark.timeout(900)
 def test_navigation_alone_drives_the_simulator_of_another_stack(port: str) -> None:
     loaded = load_world("original", True, ROOT / "worlds", None, ())
@@ -256,6 +258,7 @@ def test_navigation_alone_drives_the_simulator_of_another_stack(port: str) -> No
 
 
 @pytest.mark.slow
+@pytest.mark.xdist_group("real_time")
 @pytest.mark.timeout(400)
 def test_with_keys_the_owner_does_all_as_before_and_others_what_their_keys_let_them(
     port: str, tmp_path: Path

@@ -64,6 +64,7 @@ def stack_on(endpoint: str) -> Iterator[None]:
 
 
 @pytest.mark.slow
+@pytest.mark.xdist_group("real_time")
 def test_the_page_follows_a_stack_that_comes_goes_and_comes_again(tmp_path: Path) -> None:
     port = free_port()
     endpoint = f"tcp/127.0.0.1:{port}"

@@ -90,7 +90,11 @@ def _told(reports: Sequence[Report], live: LiveReport, grown_mb: float, folder: 
         say(
             f"{live.sent:,} messages and {live.queries:,} queries to a running stack: "
             f"{live.goals_reached} goals reached meanwhile; memory {most:+.0f} MB at most\n"
+            f"{live.answered:,} answers to a flood of {live.requests:,} goals; a client joins "
+            f"beside silent connections within {live.join_s:.2f} s\n"
         )
+        for trouble, p99_ms in live.period_p99_ms.items():
+            say(f"velocity commands, p99 of their period, with {trouble}: {p99_ms:.0f} ms\n")
     problems = list(live.findings)
     if grown_mb > MEMORY_MB:
         problems.append(f"decoding has grown by {grown_mb:.0f} MB")

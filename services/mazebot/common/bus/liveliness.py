@@ -23,6 +23,7 @@ from mazebot.common.messages.topics import EDGE, Topic
 M = TypeVar("M")
 
 ALIVE_PREFIX = "mazebot/alive/"
+_ROUTER_S = 20.0
 _NUMBERS = itertools.count()
 """Of nodes and endpoints: unique in each session, because they are in this process."""
 
@@ -54,10 +55,13 @@ def watch_tokens(
 
 
 def alive(
-    session: zenoh.Session, keys: Keys = DEFAULT_KEYS, timeout_s: float = 1.0
+    session: zenoh.Session, keys: Keys = DEFAULT_KEYS, timeout_s: float = _ROUTER_S
 ) -> Mapping[str, frozenset[str]]:
     """The services with a liveliness token, the router among them, each with the message sources
     of its processes.
+
+    A router that is slow is waited for: it alone knows who is there. One that hangs loses its
+    connections, which ends the wait.
     """
     found: dict[str, set[str]] = defaultdict(set)
     for reply in session.liveliness().get(alive_key("*", "*", keys), timeout=timeout_s):

@@ -68,7 +68,7 @@ class Robot(ABC):
     @abstractmethod
     def alive(self) -> Mapping[str, frozenset[str]]:
         """The running services, each with the ids of its processes; empty: no stack is running. It
-        may take a second.
+        may take seconds where the router is slow.
         """
 
     @abstractmethod

@@ -220,7 +220,7 @@ def decoder_of_another_version(
 
 
 def _decode(type_name_: str, data: bytes) -> object:
-    if len(data) > _most_bytes(type_name_):
+    if len(data) > most_bytes(type_name_):
         raise WireError("too large", f"{len(data)} bytes")
     try:
         return msg.TYPESTORE.deserialize_cdr(data, type_name_)
@@ -246,8 +246,8 @@ def read_type(type_name_: str, data: bytes) -> Any:
 
 
 @functools.cache
-def _most_bytes(type_name_: str) -> int:
-    """Size limit of a message: the large one for types with a byte array, and for documents."""
+def most_bytes(type_name_: str) -> int:
+    """Size limit of a type: the large one with a byte array, and for documents."""
     if type_name_ == msg.String.__msgtype__ or type_name_.startswith(document_types.PACKAGE):
         return MAX_MESSAGE_BYTES
     for _, (kind, what) in msg.TYPESTORE.fielddefs[type_name_][1]:
