@@ -178,6 +178,24 @@ def test_what_is_waited_for_is_told_and_a_stack_that_is_not_active_in_time_is_an
     assert told == ["bringup: waiting for physics (not running)"]
 
 
+def test_why_a_service_is_started_again_and_again_is_told() -> None:
+    told: list[str] = []
+    reason = "recorder: web_port: 9090: address in use"
+    plan = plan_of(
+        router=says("[INFO] [router]: listening on tcp/1"),
+        recorder=f"import sys\nprint('[INFO] [recorder]: starting')\nsys.exit('error: {reason}')",
+    )
+
+    def tell(missing: str) -> None:
+        told.append(missing)
+        if reason in missing:
+            raise KeyboardInterrupt
+
+    with started(plan) as folder, pytest.raises(KeyboardInterrupt):
+        wait_until_active(folder, tell, 20.0)
+    assert told[-1] == f"recorder: restarting (exit code 1): {reason}"
+
+
 def test_without_a_demo_it_is_enough_that_all_are_connected() -> None:
     plan = plan_of(
         router=says("[INFO] [router]: listening on tcp/1"),

@@ -9,12 +9,15 @@ import threading
 import time
 from collections.abc import Callable
 
+from mazebot.cli.stack.log_file import read_lines
 from mazebot.cli.stack.plan import DEMO, StackPlan
 from mazebot.cli.stack.state import ProcessId, ServiceState, StackFolder, StackState
 from mazebot.cli.stack.supervisor import STOP_S, stop_s
 from mazebot.common.config import ConfigError
 
 _ERRORS = "supervisor.err"
+_ERROR = "error: "
+"""Begins what a service says before it ends with exit code 2."""
 _POLL_S = 0.1
 _BEGIN_S = 10.0
 """Within this time the supervisor runs."""
@@ -94,7 +97,7 @@ def wait_until_active(folder: StackFolder, tell: Callable[[str], None], timeout_
         demo = state.service(DEMO)
         if demo is not None and demo.phase == "ended" and demo.exit_code:
             return demo.exit_code
-        missing = _missing(state)
+        missing = _missing(state, folder)
         if missing:
             since_s = time.monotonic()
             if missing != told:
@@ -106,7 +109,7 @@ def wait_until_active(folder: StackFolder, tell: Callable[[str], None], timeout_
     raise ConfigError(f"up: not active within {timeout_s:g} s: {told} (mazebot logs, mazebot down)")
 
 
-def _missing(state: StackState) -> str:
+def _missing(state: StackState, folder: StackFolder) -> str:
     """What a stack waits for, in words; empty: nothing. A demo knows what the others wait for, and
     which of them may; without one, or once it has ended, all have to be connected.
     """
@@ -114,13 +117,22 @@ def _missing(state: StackState) -> str:
     if demo is not None and demo.phase != "ended":
         return "" if demo.phase == "active" else f"{DEMO}: {demo.text}"
     waiting = [
-        f"{one.name}: {one.text}"
+        f"{one.name}: {one.text}{_reason(one, folder)}"
         for one in state.services
         if one is not demo
         and one.phase != "active"
         and not (one.phase == "waiting" and "the bus" not in one.text)
     ]
     return ", ".join(waiting)
+
+
+def _reason(service: ServiceState, folder: StackFolder) -> str:
+    """Why a service ended last, after a colon, where it has said so."""
+    if service.phase != "restarting":
+        return ""
+    said = [text for _, text in read_lines(folder.path, {service.name})]
+    errors = [text.removeprefix(_ERROR) for text in said if text.startswith(_ERROR)]
+    return f": {errors[-1]}" if errors else ""
 
 
 def end(folder: StackFolder) -> int:
