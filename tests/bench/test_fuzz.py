@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import random
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -23,16 +24,20 @@ REAL = {topic.name: [wire.encode(topic, SAMPLES[topic])] for topic in TOPICS}
 @pytest.mark.xdist_group("real_time")
 @pytest.mark.timeout(700)
 def test_nothing_malformed_ends_a_stack_or_keeps_the_robot_from_its_goal(tmp_path: Path) -> None:
-    done = subprocess.run(
-        [
-            sys.executable, "-m", "mazebot.bench.fuzz", "--cases", "1000", "--seconds", "20",
-            "--json", "fuzz.json",
-        ],
-        cwd=tmp_path, capture_output=True, text=True, timeout=600, check=False,
-    )  # fmt: skip
+    command = [
+        sys.executable, "-m", "mazebot.bench.fuzz", "--cases", "1000", "--seconds", "20",
+        "--json", "fuzz.json",
+    ]  # fmt: skip
+    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, text=True) as run:
+        try:
+            said, _ = run.communicate(timeout=600)
+        except BaseException:
+            # So that it ends its stack.
+            run.send_signal(signal.SIGINT)
+            raise
     found = json.loads((tmp_path / "fuzz.json").read_text())
     # How much memory the allocator keeps is another matter than what a message may do.
-    assert [one for one in found["problems"] if "has grown" not in one] == [], done.stdout
+    assert [one for one in found["problems"] if "has grown" not in one] == [], said
     assert {one["sent"] for one in found["decoded"]} == {1000}
     for one in found["decoded"]:
         assert one["rejected"] + one["valid"] == one["sent"], one

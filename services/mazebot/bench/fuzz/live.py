@@ -158,9 +158,10 @@ class _Stranger:
         lock = threading.Lock()
         answers: dict[str, int] = {}
 
-        def heard(goal_id: str, _: zenoh.Reply) -> None:
+        def heard(goal_id: str, reply: zenoh.Reply) -> None:
+            is_late = reply.err is not None and reply.err.payload.to_string() == "Timeout"
             with lock:
-                answers[goal_id] += 1
+                answers[goal_id] += not is_late
 
         key = DEFAULT_KEYS.of_query(SEND_GOAL)
         end_s = time.monotonic() + seconds
