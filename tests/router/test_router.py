@@ -5,8 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
@@ -23,15 +22,7 @@ from mazebot.common.messages.topics import CAMERA_IMAGE, CMD_VEL
 from mazebot.common.messages.wire import MAX_SMALL_MESSAGE_BYTES
 from mazebot.router.guard import PERIOD_S
 from mazebot.router.process import KEYS_PERIOD_S
-
-DEADLINE_S = 20.0
-
-
-def wait_until(holds: Callable[[], object]) -> None:
-    end_s = time.monotonic() + DEADLINE_S
-    while not holds():
-        assert time.monotonic() < end_s
-        time.sleep(0.02)
+from tests.cli.stack.running import wait_until
 
 
 def processes_of(endpoint: str) -> tuple[int, int]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import os
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
 
 from hypothesis import HealthCheck, settings
 from hypothesis.stateful import RuleBasedStateMachine, run_state_machine_as_test
@@ -14,6 +15,10 @@ from mazebot.embedded.session import Session
 
 EXAMPLES = int(os.environ.get("SEQUENCES", "30"))
 STEPS = 12
+
+A = TypeVar("A")
+R = TypeVar("R")
+S = TypeVar("S")
 
 
 def run(machine: type[RuleBasedStateMachine]) -> None:
@@ -29,6 +34,28 @@ def run(machine: type[RuleBasedStateMachine]) -> None:
             suppress_health_check=list(HealthCheck),
         ),
     )
+
+
+def explained(
+    state: S,
+    batch: Sequence[A],
+    outcomes: Sequence[R],
+    applied: Callable[[S, A], tuple[R, S]],
+) -> list[S]:
+    """The states to which an order of the requests leads that gives these outcomes. `applied` is
+    the model: what comes of a request, and the state after it.
+    """
+    found: list[S] = []
+    for order in itertools.permutations(range(len(batch))):
+        after = state
+        for index in order:
+            outcome, after = applied(after, batch[index])
+            if outcome != outcomes[index]:
+                break
+        else:
+            if after not in found:
+                found.append(after)
+    return found
 
 
 def asked_at_once(session: Session, requests: list[tuple[Query[Any, Any], Any]]) -> list[Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import pytest
@@ -20,7 +21,7 @@ from mazebot.common.messages.topics import (
     Query,
 )
 from mazebot.embedded.session import Session
-from tests.sequences.machine import asked_at_once, run
+from tests.sequences.machine import asked_at_once, explained, run
 from tests.spawner.stage import box
 
 NAMES = ("red", "green", "blue")
@@ -55,7 +56,7 @@ Outcome = tuple[bool, str, Place | None]
 """Of a request: whether it was done, the name in the reply, and the place in it."""
 
 
-def applied(world: World, taken: frozenset[Place], asked: Asked) -> tuple[Outcome, World]:
+def applied(taken: frozenset[Place], world: World, asked: Asked) -> tuple[Outcome, World]:
     """What the model says to a request, and the world after it. `taken` is where nothing fits."""
     refused = (False, asked.name, None)
     if asked.verb == "spawn":
@@ -88,23 +89,6 @@ def _is_occupied(world: World, taken: frozenset[Place], place: Place, name: str)
     return place in others | taken
 
 
-def explained(
-    world: World, taken: frozenset[Place], batch: list[Asked], outcomes: list[Outcome]
-) -> list[World]:
-    """The worlds to which an order of the requests leads that gives these outcomes."""
-    found: list[World] = []
-    for order in itertools.permutations(range(len(batch))):
-        after = world
-        for index in order:
-            outcome, after = applied(after, taken, batch[index])
-            if outcome != outcomes[index]:
-                break
-        else:
-            if after not in found:
-                found.append(after)
-    return found
-
-
 class Requests(RuleBasedStateMachine):
     """Each request is answered once, and some order of those that were sent together explains
     their answers and the world after them.
@@ -131,7 +115,7 @@ class Requests(RuleBasedStateMachine):
         for world in self.worlds:
             found += [
                 one
-                for one in explained(world, self.taken, batch, outcomes)
+                for one in explained(world, batch, outcomes, partial(applied, self.taken))
                 if {name: stands.place for name, stands in one.items()} == self._standing()
             ]
         assert found, (self.worlds, batch, outcomes, self._standing())

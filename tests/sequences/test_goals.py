@@ -25,7 +25,7 @@ from mazebot.common.messages.topics import (
     Query,
 )
 from mazebot.embedded.session import Session
-from tests.sequences.machine import asked_at_once, run
+from tests.sequences.machine import asked_at_once, explained, run
 
 ACTIVE_S = 30.0
 
@@ -72,21 +72,6 @@ def applied(state: State, asked: Asked) -> tuple[bool, State]:
     return True, State(ended=state.without("canceled"))
 
 
-def explained(state: State, batch: list[Asked], done: list[bool]) -> list[State]:
-    """The states to which an order of the requests leads that gives these replies."""
-    found: list[State] = []
-    for order in itertools.permutations(range(len(batch))):
-        after = state
-        for index in order:
-            was_done, after = applied(after, batch[index])
-            if was_done != done[index]:
-                break
-        else:
-            if after not in found:
-                found.append(after)
-    return found
-
-
 class Goals(RuleBasedStateMachine):
     """Each goal that was accepted ends once, and no other does."""
 
@@ -125,7 +110,9 @@ class Goals(RuleBasedStateMachine):
             for reply in replies
         ]
         ended = self._ended()
-        found = [one for one in explained(self.state, batch, done) if set(one.ended) == ended]
+        found = [
+            one for one in explained(self.state, batch, done, applied) if set(one.ended) == ended
+        ]
         assert len({one.goal_id for one in found}) == 1, (self.state, batch, replies, ended)
         self.state = State(found[0].goal_id, found[0].goal)
 
@@ -208,5 +195,4 @@ def test_each_goal_that_is_accepted_ends_once() -> None:
             )
 
         Here.session = session
-        assert session._run_while(lambda: not session._is_active(), ACTIVE_S)
         run(Here)

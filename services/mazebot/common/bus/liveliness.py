@@ -24,6 +24,7 @@ M = TypeVar("M")
 
 ALIVE_PREFIX = "mazebot/alive/"
 _ROUTER_S = 20.0
+"""Longer than the lease after which a connection to a router that hangs is closed."""
 _NUMBERS = itertools.count()
 """Of nodes and endpoints: unique in each session, because they are in this process."""
 
