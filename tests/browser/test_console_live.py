@@ -501,6 +501,41 @@ def test_every_tool_aims_by_keys(live: Opened) -> None:
         page.keyboard.press(key)
 
 
+def test_keys_aim_from_the_newest_pose_though_it_is_not_drawn_yet(
+    browser: Browser, tmp_path: Path
+) -> None:
+    context = browser.new_context(viewport={"width": 1300, "height": 900})
+    asked: list[dict[str, Any]] = []
+
+    def stand_in(socket: WebSocketRoute) -> None:
+        def take(text: str | bytes) -> None:
+            asked.append(json.loads(text)["action"])
+            if asked[-1]["do"] == "show":
+                for number, at in enumerate(((0.0, 0.0, 0.0), (0.5, 0.25, 0.0))):
+                    pose = {"time_s": number, "truth": at, "estimate": None}
+                    socket.send(json.dumps({"kind": "pose", "content": pose}))
+
+        socket.on_message(take)
+        stack = {"services": ["physics"], "how_to_start": ""}
+        socket.send(json.dumps({"kind": "stack", "content": stack}))
+
+    with lonely_console(tmp_path) as url:
+        opened = Opened(context.new_page())
+        page = opened.page
+        page.add_init_script("window.requestAnimationFrame = () => 0;")
+        page.route_web_socket("**/live/feed", stand_in)
+        page.goto(f"{url}live")
+        opened.wait(lambda: opened.figure("true pose")[:1] == [0.5])
+        page.keyboard.press("p")
+        for key in ("ArrowLeft", "Enter"):
+            page.keyboard.press(key)
+        opened.wait(lambda: asked[-1]["do"] == "initial_pose")
+        assert asked[-1]["pose"] == {
+            "x_m": pytest.approx(0.4), "y_m": pytest.approx(0.25), "yaw_rad": pytest.approx(0.0)
+        }  # fmt: skip
+        context.close()
+
+
 def test_waypoints_are_shown_until_they_are_reached_or_canceled(live: Opened) -> None:
     page = live.page
     x, y, _ = live.pose()

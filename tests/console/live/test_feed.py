@@ -19,7 +19,7 @@ from mazebot.common.messages import topics as tp
 from mazebot.common.messages import wire
 from mazebot.common.messages.documents import Entities, MarkerEntity, SimulationStats
 from mazebot.common.node.node import Envelope
-from mazebot.console.live.feed import MAX_EVENTS, Feed, Outgoing
+from mazebot.console.live.feed import MAX_EVENTS, RESTARTED, Feed, Outgoing
 from mazebot.console.live.frame import Frame, binary_frame, text_frame
 from mazebot.console.live.history import (
     MOST_LINES,
@@ -58,8 +58,23 @@ def test_a_page_that_takes_nothing_gets_the_newest_of_each_kind_and_the_last_eve
     assert len(frames) == 2 + MAX_EVENTS
     assert content(frames, "pose") == {"number": 999}
     assert content(frames, "scan")["number"] == 999
-    assert content(frames[2:3], "log") == {"number": 1000 - MAX_EVENTS}
+    (first, *_) = [frame for frame in frames if frame.is_event]
+    assert content([first], "log") == {"number": 1000 - MAX_EVENTS}
     assert outgoing.dropped == 999 + 999 + 1000 - MAX_EVENTS
+
+
+def test_a_restart_comes_before_what_is_known_since_and_ends_what_was_known_before() -> None:
+    outgoing = Outgoing()
+    outgoing.offer(text_frame("plan", {"run": 1}))
+    outgoing.offer(text_frame("pose", {"run": 1}))
+    outgoing.offer(text_frame("world", {"run": 1}))
+    outgoing.offer(text_frame("log", {"run": 1}, is_event=True))
+    outgoing.offer(text_frame(RESTARTED, {}, is_event=True))
+    outgoing.offer(text_frame("pose", {"run": 2}))
+    outgoing.offer(text_frame("log", {"run": 2}, is_event=True))
+    outgoing.offer(text_frame("stats", {"run": 2}))
+    kinds = [frame.kind for frame in taken(outgoing)]
+    assert kinds == ["world", "log", RESTARTED, "pose", "log", "stats"]
 
 
 def test_what_cannot_be_read_or_drawn_is_left_out() -> None:

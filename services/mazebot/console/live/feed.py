@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import itertools
 import logging
 import threading
 from collections import OrderedDict, deque
@@ -39,6 +40,8 @@ MAX_EVENTS = 2 * MOST_LINES
 """Events that wait for a page: beyond it the oldest are dropped."""
 _MAX_WAITING = 500
 """Events that wait to be drawn; and messages of all other kinds and sources."""
+RESTARTED = "restarted"
+"""The kind of the frame after which a page begins anew."""
 _LASTING = {"world", "map", "entities", "stack", "stats", "global_costmap"}
 """Kinds that stay valid when the simulation restarts, or may have come again already."""
 
@@ -47,8 +50,11 @@ class Outgoing:
     """What waits to be sent to one page."""
 
     def __init__(self) -> None:
-        self._states: OrderedDict[str, Frame] = OrderedDict()
-        self._events: deque[Frame] = deque(maxlen=MAX_EVENTS)
+        self._waiting: OrderedDict[str | int, Frame] = OrderedDict()
+        """In the order in which they came: states by their kind, events by their number."""
+        self._events: deque[int] = deque()
+        """The numbers of the events that wait."""
+        self._numbers = itertools.count()
         self._news = asyncio.Event()
         self.wants_camera = False
         self.has_camera = False
@@ -57,21 +63,30 @@ class Outgoing:
         """Frames that were replaced or dropped before they were sent."""
 
     def offer(self, frame: Frame) -> None:
-        """Queue a frame; a state replaces the older one of its kind."""
-        if frame.is_event:
-            self.dropped += len(self._events) == MAX_EVENTS
-            self._events.append(frame)
+        """Queue a frame. A state replaces the older one of its kind, and a restart all states that
+        have ended with it.
+        """
+        if frame.kind == RESTARTED:
+            for kind in [kind for kind in self._waiting if isinstance(kind, str)]:
+                if kind not in _LASTING:
+                    del self._waiting[kind]
+        if not frame.is_event:
+            self.dropped += self._waiting.pop(frame.kind, None) is not None
+            self._waiting[frame.kind] = frame
         else:
-            self.dropped += self._states.pop(frame.kind, None) is not None
-            self._states[frame.kind] = frame
+            if len(self._events) == MAX_EVENTS:
+                self.dropped += 1
+                del self._waiting[self._events.popleft()]
+            self._events.append(next(self._numbers))
+            self._waiting[self._events[-1]] = frame
         self._news.set()
 
     async def taken(self) -> list[Frame]:
         """Wait for frames, and take all of them."""
         await self._news.wait()
         self._news.clear()
-        frames = [*self._states.values(), *self._events]
-        self._states.clear()
+        frames = [*self._waiting.values()]
+        self._waiting.clear()
         self._events.clear()
         return frames
 
@@ -237,7 +252,7 @@ class Feed:
             # What was latched has come again, or comes soon.
             self._newest = {kind: one for kind, one in self._newest.items() if kind in _LASTING}
             self._camera = None
-            frames.insert(0, text_frame("restarted", {}, is_event=True))
+            frames.insert(0, text_frame(RESTARTED, {}, is_event=True))
         changed = []
         for frame in frames:
             if frame.is_event:

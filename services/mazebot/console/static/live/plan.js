@@ -172,7 +172,7 @@ export class Plan {
     this.#wanted = false;
     const moves = this.#scene.smooth(Math.min(nowMs - this.#drawnMs, 200));
     this.#drawnMs = nowMs;
-    const robot = this.#scene.robot();
+    const robot = this.#scene.drawnRobot();
     if (this.follows && robot) {
       this.center = [robot[0], robot[1]];
     }

@@ -186,6 +186,11 @@ export class Scene {
 
   /** Where the robot is, as far as it is known: `[x, y, yaw]` or null. */
   robot() {
+    return this.pose?.truth || this.pose?.estimate || null;
+  }
+
+  /** Where it is drawn: a moment behind. */
+  drawnRobot() {
     return this.shown.truth || this.shown.estimate;
   }
 
