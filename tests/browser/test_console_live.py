@@ -163,6 +163,12 @@ def opened_in(context: BrowserContext, url: str) -> Opened:
 
 @pytest.fixture
 def live(browser: Browser, url: str) -> Iterator[Opened]:
+    # Each test begins where the run began, not where the test before has driven to.
+    with Bystander(url) as bystander:
+        epoch = bystander.wait_kind("stats")["epoch"]
+        bystander.done(do="simulation", reset="all", pause=False, speed=1.0)
+        bystander.wait_for(lambda: bystander.newest["stats"]["epoch"] > epoch)
+        bystander.wait_for(lambda: "restarted" in bystander.newest)
     context = browser.new_context(viewport={"width": 1300, "height": 900})
     opened = opened_in(context, url)
     # With what the page says where it does not come.
@@ -462,13 +468,6 @@ def test_every_tool_aims_by_keys(live: Opened) -> None:
         page.locator("#message").evaluate("one => { one.textContent = ''; }")
         return said
 
-    # The keys of the tests before have driven it somewhere: on a busy machine farther, to a wall.
-    live.wait(lambda: live.time_s() > 2.0)
-    page.on("dialog", lambda dialog: dialog.accept())
-    page.get_by_role("button", name="Reset").click()
-    live.wait(lambda: live.time_s() < 2.0)
-    live.wait(lambda: page.locator("#task-state.good").count())
-    answer()
     x, y, before_deg = live.pose()
     page.get_by_role("button", name="Box").press("Enter")
     for key in (*(6 * ["ArrowLeft"]), *(5 * ["Shift+ArrowDown"]), "Enter"):
