@@ -1,14 +1,18 @@
 """Drives the robot of `docker compose up simulator-enhanced` to a place, with pyzeros: no ROS 2.
 
     pip install pyzeros==0.1.0 ros2-pyterfaces==0.3.0 eclipse-zenoh==1.6.2
-    python drive_pyzeros.py 0.4 -0.8 [tcp/127.0.0.1:7447]
+    MAZEBOT_BUS_KEY_FILE=keys/operator.key python drive_pyzeros.py 0.4 -0.8 [tcp/127.0.0.1:7447]
 
-X and Y in metres in the frame `odom`, which begins where the robot stood. the router's endpoint.
+X and Y in metres in the frame `odom`, which begins where the robot stood; the router's endpoint.
+Without the variable it signs in with no key, as where the router asks for none.
 """
 
 import asyncio
+import json
 import math
+import os
 import sys
+from pathlib import Path
 
 import pyzeros
 import zenoh
@@ -37,6 +41,10 @@ router = sys.argv[3] if len(sys.argv) > 3 else "tcp/127.0.0.1:7447"
 config = zenoh.Config()
 config.insert_json5("mode", '"client"')
 config.insert_json5("connect/endpoints", f'["{router}"]')
+if "MAZEBOT_BUS_KEY_FILE" in os.environ:
+    key = json.loads(Path(os.environ["MAZEBOT_BUS_KEY_FILE"]).read_text())
+    login = {"user": key["name"], "password": key["password"]}
+    config.insert_json5("transport/auth/usrpwd", json.dumps(login))
 with zenoh.open(config) as session, pyzeros.auto_context("driver", session):
     asyncio.run(drive(float(sys.argv[1]), float(sys.argv[2])))
 print("there")

@@ -9,9 +9,7 @@ from typing import Any, cast
 
 import zenoh
 
-from mazebot.common.bus.config import BusConfig
 from mazebot.common.bus.liveliness import alive_key, service_and_source
-from mazebot.common.bus.session import open_session
 from mazebot.common.bus.subscriber import subscribe
 from mazebot.common.messages import wire
 from mazebot.common.messages.keys import DEFAULT_KEYS, Keys
@@ -40,8 +38,9 @@ class Motion:
 class Witness:
     """Listens to the ground truth from the host."""
 
-    def __init__(self, endpoint: str, keys: Keys = DEFAULT_KEYS) -> None:
-        self._session: zenoh.Session = open_session(BusConfig(connect=endpoint), timeout_s=5.0)
+    def __init__(self, session: zenoh.Session, keys: Keys = DEFAULT_KEYS) -> None:
+        """It closes the session."""
+        self._session = session
         self.seen: list[Motion] = []
         self._subscription = subscribe(self._session, GROUND_TRUTH_ODOM, self._on_odom, keys)
         self._appeared: dict[str, float] = {}

@@ -14,7 +14,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
 
+import zenoh
+
 from mazebot.bench.parts.loopback_router import free_port
+from mazebot.common.access.grants import OPERATOR
+from mazebot.common.bus.config import BusConfig
+from mazebot.common.bus.session import open_session
+from mazebot.common.files.key_file import file_of
 from mazebot.common.files.root import ROOT
 
 SERVICES = (
@@ -28,6 +34,8 @@ SERVICES = (
     "recorder",
 )
 DEMOS = {"original": "demo-world", "enhanced": "demo-world-enhanced"}
+OPEN = {"COMPOSE_FILE": "docker-compose.yaml:docker/open.yaml"}
+"""Settings of a stack that lets everyone in without a key."""
 PROFILES = ("--profile", "original", "--profile", "enhanced")
 SOCKET = Path("/var/run/docker.sock")
 
@@ -80,6 +88,21 @@ class Stack:
     def endpoint(self) -> str:
         """Where the stack's router listens."""
         return f"tcp/127.0.0.1:{self.router_port}"
+
+    @property
+    def signs_in(self) -> dict[str, str]:
+        """What a tool's environment must say, where it is asked for a key: the operator's."""
+        is_open = "docker/open.yaml" in self._environment.get("COMPOSE_FILE", "")
+        path = file_of(self.folder / "keys", OPERATOR)
+        return {} if is_open else {"MAZEBOT_BUS_KEY_FILE": str(path)}
+
+    def session(self, timeout_s: float = 5.0) -> zenoh.Session:
+        """A session on the stack's bus, as the operator."""
+        key = self.signs_in.get("MAZEBOT_BUS_KEY_FILE")
+        key_file = Path(key) if key else None
+        if key_file:
+            wait_until(key_file.exists, timeout_s, "the operator's key")
+        return open_session(BusConfig(connect=self.endpoint, key_file=key_file), timeout_s)
 
     @property
     def _settings(self) -> dict[str, str]:
@@ -212,7 +235,13 @@ def stack_of(uid: int, settings: dict[str, str] | None = None) -> Iterator[Stack
     folder.chmod(0o755)
     project = folder.name.lower().replace("_", "-")
     (folder / "docker").mkdir()
-    for name in (".env", "docker-compose.yaml", "docker/keys.yaml", "docker/join.yaml"):
+    for name in (
+        ".env",
+        "docker-compose.yaml",
+        "docker/open.yaml",
+        "docker/tls.yaml",
+        "docker/join.yaml",
+    ):
         shutil.copy(ROOT / name, folder / name)
     shutil.copytree(ROOT / "worlds", folder / "worlds")
     (folder / "recordings").mkdir()

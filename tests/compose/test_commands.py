@@ -13,8 +13,6 @@ from pathlib import Path
 
 import pytest
 
-from mazebot.common.bus.config import BusConfig
-from mazebot.common.bus.session import open_session
 from mazebot.common.bus.subscriber import subscribe
 from mazebot.common.files.root import ROOT
 from mazebot.common.messages.documents import World
@@ -35,7 +33,7 @@ def stack(person: int) -> Iterator[Stack]:
 
 def running_world(stack: Stack) -> World:
     """The world that a stack has loaded."""
-    session = open_session(BusConfig(connect=stack.endpoint), timeout_s=10.0)
+    session = stack.session(10.0)
     worlds: list[World] = []
     subscription = subscribe(session, WORLD, lambda data, _: worlds.append(decode(WORLD, data)))
     wait_until(lambda: bool(worlds), 20.0, "a world")

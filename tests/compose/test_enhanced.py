@@ -15,9 +15,8 @@ from pathlib import Path
 
 import pytest
 
-from mazebot.common.bus.config import BusConfig
-from mazebot.common.bus.session import open_session
 from mazebot.common.bus.subscriber import subscribe
+from mazebot.common.messages import topics
 from mazebot.common.messages.messages import TwistStamped, ns_from_time
 from mazebot.common.messages.topics import CMD_VEL
 from mazebot.common.messages.wire import decode
@@ -44,6 +43,8 @@ pytestmark = [pytest.mark.compose, pytest.mark.usefixtures("image")]
 DEMO = DEMOS["enhanced"]
 TOUR_S = 300.0
 Measured = Callable[[str, float], None]
+WRITERS = "router", "recorder"
+"""They write into folders of the clone, as its owner."""
 READ_ONLY_PLACES = ("/", "/opt/mazebot", "/home/mazebot", "/etc", "/usr")
 PAUSE_S = 60.0
 AFTER = 20
@@ -75,7 +76,7 @@ def tour(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Tour]:
 @pytest.fixture
 def witness(tour: Tour) -> Iterator[Witness]:
     wait_until(lambda: is_active(tour.stack, DEMO), 60.0, tour.output.read_text())
-    witness = Witness(tour.stack.endpoint)
+    witness = Witness(tour.stack.session())
     yield witness
     witness.close()
 
@@ -102,12 +103,14 @@ def test_a_container_has_what_it_needs_and_no_more(tour: Tour, service: str) -> 
     assert host["IpcMode"] in ("private", "shareable")
     assert not host["Devices"]
     mounts = {mount["Destination"]: mount["RW"] for mount in facts["Mounts"]}
+    handed_out = {f"/handout/{name}": True for name in ("router", *topics.SERVICES, "operator")}
     allowed = {
-        "worldgen": {"/worlds": False, "/textures": False, "/maps": False},
-        "recorder": {"/recordings": True, "/owner": False},
+        "router": {"/keys": True, "/owner": False, **handed_out},
+        "worldgen": {"/keys": False, "/worlds": False, "/textures": False, "/maps": False},
+        "recorder": {"/keys": False, "/operator": False, "/recordings": True, "/owner": False},
     }
-    assert mounts == allowed.get(service, {})
-    if service == "recorder":
+    assert mounts == allowed.get(service, {"/keys": False})
+    if service in WRITERS:
         assert sorted(host["CapAdd"]) == ["CHOWN", "SETGID", "SETUID"]
     else:
         assert facts["Config"]["User"] == "10001:10001"
@@ -121,7 +124,7 @@ def test_a_service_runs_without_any_right(tour: Tour, service: str) -> None:
     assert status["CapEff"] == status["CapPrm"] == status["CapInh"] == status["CapAmb"] == none
     assert status["NoNewPrivs"] == "1"
     assert status["Seccomp"] == "2"
-    uid = str(tour.stack.uid) if service == "recorder" else "10001"
+    uid = str(tour.stack.uid) if service in WRITERS else "10001"
     assert status["Uid"].split() == [uid] * 4
     assert status["Gid"].split() == [uid] * 4
 
@@ -143,7 +146,7 @@ for place in {READ_ONLY_PLACES}:
 def test_no_network_leads_outside(tour: Tour) -> None:
     for service in (*SERVICES, DEMO):
         networks = {name.rsplit("_", 1)[1]: name for name in tour.stack.networks_of(service)}
-        ours = {"bus", "edge"} if service in ("router", "recorder") else {"bus"}
+        ours = {"bus", "edge"} if service in WRITERS else {"bus"}
         assert set(networks) == ours, service
         for short, name in networks.items():
             network = inspect_network(name)
@@ -195,7 +198,7 @@ def said(stack: Stack) -> dict[str, list[str]]:
 def test_a_minute_s_pause_in_mid_drive_alarms_nobody(tour: Tour, witness: Witness) -> None:
     """Seen by the last tests, too: the tour ends as it should."""
     stack = tour.stack
-    session = open_session(BusConfig(connect=stack.endpoint), timeout_s=5.0)
+    session = stack.session()
     commands: list[TwistStamped] = []
     subscription = subscribe(
         session, CMD_VEL, lambda data, _: commands.append(decode(CMD_VEL, data))

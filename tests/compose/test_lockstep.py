@@ -8,8 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from mazebot.common.bus.config import BusConfig
-from mazebot.common.bus.session import open_session
 from mazebot.common.bus.subscriber import subscribe
 from mazebot.common.messages.documents import SimulationStats
 from mazebot.common.messages.topics import SIMULATION_STATS, Topic
@@ -67,7 +65,7 @@ def in_process(tmp_path_factory: pytest.TempPathFactory) -> list[SimulationStats
 @contextmanager
 def listening(stack: Stack) -> Iterator[list[SimulationStats]]:
     """What physics says of the simulation, from its first step on."""
-    session = open_session(BusConfig(connect=stack.endpoint), timeout_s=60.0)
+    session = stack.session(60.0)
     stats: list[SimulationStats] = []
     subscription = subscribe(
         session, SIMULATION_STATS, lambda data, _: stats.append(decode(SIMULATION_STATS, data))

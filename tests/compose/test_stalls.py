@@ -16,9 +16,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import zenoh
 
-from mazebot.common.bus.config import BusConfig
-from mazebot.common.bus.session import open_session
 from mazebot.common.bus.subscriber import subscribe
 from mazebot.common.messages.topics import (
     AMCL_POSE,
@@ -39,7 +38,7 @@ from mazebot.common.node.node import Envelope
 from tests.compose.checks import check_recordings, check_table, is_active
 from tests.compose.control import check_commands, control
 from tests.compose.motion import Witness
-from tests.compose.stack import DEMOS, Stack, docker, stack_of, wait_until
+from tests.compose.stack import DEMOS, OPEN, Stack, docker, stack_of, wait_until
 
 pytestmark = [pytest.mark.compose, pytest.mark.usefixtures("image")]
 
@@ -75,8 +74,8 @@ signal.pause()
 class Ear:
     """Hears every steady topic from outside the containers."""
 
-    def __init__(self, endpoint: str) -> None:
-        self._session = open_session(BusConfig(connect=endpoint), timeout_s=5.0)
+    def __init__(self, session: zenoh.Session) -> None:
+        self._session = session
         self.heard_s: dict[str, list[float]] = {topic.name: [] for topic in STEADY}
         self._kept = [subscribe(self._session, topic, self._note(topic)) for topic in STEADY]
 
@@ -128,7 +127,7 @@ def strangers(endpoint: str, count: int) -> Iterator[list[subprocess.Popen[str]]
 @pytest.fixture(scope="module")
 def tour(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stack]:
     output_file: Path = tmp_path_factory.mktemp("stalls") / "output"
-    with stack_of(os.getuid()) as stack, output_file.open("wb") as output:
+    with stack_of(os.getuid(), OPEN) as stack, output_file.open("wb") as output:
         stack.in_foreground(output, "up", DEMO)
         wait_until(lambda: is_active(stack, DEMO), 90.0, "both lines")
         yield stack
@@ -136,14 +135,14 @@ def tour(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stack]:
 
 @pytest.fixture
 def ear(tour: Stack) -> Iterator[Ear]:
-    ear = Ear(tour.endpoint)
+    ear = Ear(tour.session())
     yield ear
     ear.close()
 
 
 @pytest.fixture
 def witness(tour: Stack) -> Iterator[Witness]:
-    witness = Witness(tour.endpoint)
+    witness = Witness(tour.session())
     wait_until(witness.driving, 60.0, "driving")
     yield witness
     witness.close()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import sys
 from collections import Counter, defaultdict
@@ -12,7 +13,7 @@ from mazebot.cli.parsing.options import print_json
 from mazebot.common.bus.config import BusConfig
 from mazebot.common.bus.liveliness import graph_name
 from mazebot.common.client.robot import HOW_TO_START
-from mazebot.common.files.key_file import Key
+from mazebot.common.files.key_file import Key, sign_in
 from mazebot.common.messages.keys import (
     ALL_TOKENS,
     CLIENT,
@@ -85,7 +86,12 @@ def exports_for(config: BusConfig, key: Key | None = None) -> dict[str, str]:
     override = f'connect/endpoints=["{config.connect}"]'
     if key is not None:
         # Two peers would talk past the router and its rules.
-        override += f';mode="client";{_USER}="{key.name}";{_PASSWORD}="{key.password}"'
+        settings = {"mode": "client"} | {
+            f"{path}/{field}": value
+            for path, fields in sign_in(key, config.connect).items()
+            for field, value in fields.items()
+        }
+        override += "".join(f";{name}={json.dumps(value)}" for name, value in settings.items())
     return {
         "RMW_IMPLEMENTATION": RMW,
         "ZENOH_CONFIG_OVERRIDE": override,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Mapping
 from difflib import get_close_matches
+from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
@@ -127,6 +128,14 @@ def _listed(value: object) -> object:
 
 Names = Annotated[tuple[str, ...], PlainText, BeforeValidator(_listed)]
 """A list of names, with commas in a flag or a variable."""
+
+
+def _none_if_empty(value: object) -> object:
+    return None if value == "" else value
+
+
+OptionalPath = Annotated[Path | None, BeforeValidator(_none_if_empty)]
+"""A file or folder that need not be given: nothing is none, as Compose sets variables to it."""
 
 
 def one_line(

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Literal
 
 from pydantic import Field
 
-from mazebot.common.config import ServiceConfig
+from mazebot.common.config import OptionalPath, ServiceConfig
 from mazebot.common.messages.documents import Finite
 from mazebot.mapping.params import SlamParams
 
@@ -22,7 +21,7 @@ class MappingConfig(SlamParams, ServiceConfig):
         "mapping",
         description="mapping: the map grows; localization: the loaded graph stays as it is",
     )
-    map_file_name: Path | None = Field(
+    map_file_name: OptionalPath = Field(
         None, description="a saved graph (*.pose_graph.json) to start from; none: an empty map"
     )
     map_start_pose: tuple[Finite, Finite, Finite] | None = Field(

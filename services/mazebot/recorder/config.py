@@ -7,7 +7,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from mazebot.common.config import ServiceConfig
+from mazebot.common.config import OptionalPath, ServiceConfig
 
 LayoutName = Literal["overview", "drive", "perception", "performance", "mapping"]
 """The layouts of the viewer, each for one purpose."""
@@ -32,7 +32,7 @@ class RecorderConfig(ServiceConfig):
     recordings_dir: Path = Field(
         Path("recordings"), description="folder in which each run gets a subfolder"
     )
-    out_dir: Path | None = Field(
+    out_dir: OptionalPath = Field(
         None, description="folder of the run, instead of a new one in recordings_dir"
     )
     repair: bool = Field(True, description="at start, repair recordings left by a killed recorder")
@@ -67,7 +67,7 @@ class RecorderConfig(ServiceConfig):
     foxglove: bool = Field(False, description="serve the run live to Foxglove, by its websocket")
     foxglove_bind: str = Field("127.0.0.1", description="address on which that server listens")
     foxglove_port: int = Field(8765, ge=0, le=65535, description="its port; 0: any free one")
-    foxglove_key_file: Path | None = Field(
+    foxglove_key_file: OptionalPath = Field(
         None,
         description="where the router asks for keys: the one with which the app's orders are sent, "
         "such as the operator's; none: the recorder's own, with which it may send none",

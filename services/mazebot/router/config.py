@@ -2,27 +2,35 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Literal
+from typing import Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from mazebot.common.config import ServiceConfig
+from mazebot.common.config import Names, OptionalPath, ServiceConfig
+from mazebot.common.files.key_file import TLS
 
 
 class RouterConfig(ServiceConfig):
     """The router's endpoint, and its timeout."""
 
     listen: str = Field(
-        "tcp/127.0.0.1:7447", pattern=r"^\w+/.+:\d+$", description="Zenoh endpoint to listen on"
+        "tcp/127.0.0.1:7447",
+        pattern=r"^\w+/.+:\d+$",
+        description="Zenoh endpoint to listen on; with tls/ in place of tcp/ it encrypts, and the "
+        "keys of keys_dir, which it then needs, get certificates",
     )
-    keys_dir: Path | None = Field(
+    tls_hosts: Names = Field(
+        (),
+        description="names and addresses, with commas, by which others reach a router that "
+        "encrypts; those of its own machine's loopback go without saying",
+    )
+    keys_dir: OptionalPath = Field(
         None,
         description="folder of keys, see `mazebot keys`: whoever has none of them is refused, and "
         "each may do what its role needs; keys that are missing are made. None: everyone may "
         "connect and do everything",
     )
-    handout_dir: Path | None = Field(
+    handout_dir: OptionalPath = Field(
         None,
         description="folder in which each service has one of its name, with its key in own.key, as "
         "in containers; needs keys_dir",
@@ -32,6 +40,13 @@ class RouterConfig(ServiceConfig):
         description="with keys, who may read the ground truth: operator: everyone; grader: of "
         "people the grader alone",
     )
+
+    @model_validator(mode="after")
+    def _can_encrypt(self) -> Self:
+        if self.listen.startswith(TLS) and self.keys_dir is None:
+            raise ValueError(f"listen: {self.listen}: with tls/, keys_dir must be a folder of keys")
+        return self
+
     silence_s: float = Field(
         6.0,
         ge=1.0,

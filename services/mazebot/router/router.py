@@ -7,6 +7,7 @@ import logging
 import os
 import socket
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import IO, Any
 
@@ -15,6 +16,7 @@ import zenoh
 from mazebot.common.bus.liveliness import alive_key
 from mazebot.common.bus.session import close_links_at_once
 from mazebot.common.config import ConfigError
+from mazebot.common.files.key_file import TLS, in_base64
 from mazebot.common.messages.keys import DEFAULT_KEYS, Keys, types_of
 from mazebot.common.messages.topics import TOPICS
 from mazebot.common.messages.wire import MAX_MESSAGE_BYTES, most_bytes
@@ -23,6 +25,7 @@ from mazebot.router.config import RouterConfig
 SETTINGS_FILE = Path(__file__).with_name("router.json5")
 _ATTACHMENT_BYTES = 1024
 """More than any has; Zenoh counts it in."""
+OWN_HOSTS = "localhost", "127.0.0.1", "::1"
 RECEIVING_THREADS = 8
 """Each thread forwards the messages of one connection; Zenoh's default of two is soon blocked by
 slow readers.
@@ -42,7 +45,11 @@ class Router:
         self._config, self._keys = config, keys
         self.endpoint = _with_port(config.listen)
         """What it listens on."""
-        self._lock = None if config.keys_dir is None else Lock(config.keys_dir, config.handout_dir)
+        encrypts = config.listen.startswith(TLS)
+        hosts = [*OWN_HOSTS, *config.tls_hosts] if encrypts else None
+        self._lock = (
+            None if config.keys_dir is None else Lock(config.keys_dir, config.handout_dir, hosts)
+        )
         self._session, self._token = self._opened()
 
     def _opened(self) -> tuple[zenoh.Session, zenoh.LivelinessToken]:
@@ -116,8 +123,10 @@ def size_limits(keys: Keys) -> list[dict[str, Any]]:
 class Lock:
     """The keys of a folder, and the rules that go with them."""
 
-    def __init__(self, folder: Path, handout: Path | None = None) -> None:
-        """Make the keys that are missing, and hand them out: see KeyStore.hand_out.
+    def __init__(
+        self, folder: Path, handout: Path | None = None, hosts: Sequence[str] | None = None
+    ) -> None:
+        """Make the keys that are missing, and hand them out: see KeyStore.complete and hand_out.
 
         Raises ConfigError.
         """
@@ -126,6 +135,7 @@ class Lock:
 
         self._store = KeyStore(folder)
         self._handout = handout
+        self._hosts = hosts
         self._changed_ns: dict[str, int] = {}
         self.read()
 
@@ -133,7 +143,7 @@ class Lock:
         """Read the keys again. Raises ConfigError, and keeps those from before."""
         # First, so that a wrong key is told once.
         self._changed_ns = self._store.changed_ns()
-        made = self._store.complete()
+        made = self._store.complete(self._hosts)
         if made:
             logging.getLogger("router").info("made %d keys in %s", len(made), self._store.folder)
             self._changed_ns = self._store.changed_ns()
@@ -164,6 +174,14 @@ class Lock:
         own = self._there[ROUTER]
         login = {"user": own.name, "password": own.password, "dictionary_file": users.name}
         settings.insert_json5("transport/auth/usrpwd", json.dumps(login))
+        if self._hosts is not None and own.certificate is not None:
+            tls = {
+                "root_ca_certificate_base64": in_base64(own.certificate.authority),
+                "listen_certificate_base64": in_base64(own.certificate.certificate),
+                "listen_private_key_base64": in_base64(own.certificate.private_key),
+                "enable_mtls": True,
+            }
+            settings.insert_json5("transport/link/tls", json.dumps(tls))
         rules = access_control(
             {key.name: key.role for key in self._there.values()},
             keys,
@@ -176,7 +194,7 @@ def _with_port(listen: str) -> str:
     """The endpoint with a free port in place of port 0: Zenoh does not tell which one it takes."""
     protocol, _, address = listen.partition("/")
     host, _, port = address.rpartition(":")
-    if protocol != "tcp" or port != "0":
+    if protocol not in ("tcp", "tls") or port != "0":
         return listen
     with socket.socket() as probe:
         probe.bind(("", 0))

@@ -85,7 +85,7 @@ def test_a_key_that_must_not_be_made_is_not(
 
 def test_what_has_no_key_cannot_lose_or_change_it(store: KeyStore) -> None:
     before = store.read()
-    with pytest.raises(ConfigError, match=r"name: 'bob': has no key in .*: there are bringup, "):
+    with pytest.raises(ConfigError, match=r"name: 'bob': has no key in .*: there are autonomy, "):
         store.revoke("bob")
     with pytest.raises(ConfigError, match="name: 'bob': has no key"):
         store.rotate(["physics", "bob"])

@@ -13,7 +13,17 @@ import pytest
 import zenoh
 
 from mazebot.bench.parts.loopback_router import free_port
-from mazebot.common.access.grants import OPERATOR, PEOPLE, ROLES, ROUTER, Verb, grants_of
+from mazebot.common.access.grants import (
+    AUTONOMY,
+    OPERATOR,
+    PEOPLE,
+    ROBOT,
+    ROLES,
+    ROUTER,
+    STANDS_IN_FOR,
+    Verb,
+    grants_of,
+)
 from mazebot.common.access.key_store import KeyStore
 from mazebot.common.access.matrix import in_short, matrix, named
 from mazebot.common.access.rules import access_control, decide
@@ -110,8 +120,9 @@ def test_who_sends_and_reads_what_is_as_the_tables_say(wire: str) -> None:
     for topic in TOPICS:
         key = keys.of_topic(topic)
         senders = {role for role in ROLES if decide(grants[role], Verb.PUT, key)[0]}
-        edge = {OPERATOR} if EDGE in topic.owners else set()
-        assert senders == {*topic.owners} - {EDGE} | edge, topic.name
+        stand_ins = {role for role, names in STANDS_IN_FOR.items() if {*names} & {*topic.owners}}
+        edge = {OPERATOR, AUTONOMY} if EDGE in topic.owners else set()
+        assert senders == {*topic.owners} - {EDGE} | edge | stand_ins, topic.name
         readers = {role for role in ROLES if decide(grants[role], Verb.SUBSCRIBE, key)[0]}
         everyone = set(SERVICES) if topic is CLOCK else set()
         assert readers == {*topic.readers, *topic.keepers, *PEOPLE} | everyone, topic.name
@@ -129,7 +140,20 @@ def test_a_viewer_asks_only_what_changes_nothing() -> None:
         "/get_entities", "/get_entities_states", "/get_entity_state", "/get_simulation_state",
         "/get_simulator_features",
     }  # fmt: skip
-    assert all(decide(GRANTS[OPERATOR], Verb.QUERY, key)[0] for key in SERVICE_KEYS)
+    for role in (OPERATOR, AUTONOMY):
+        assert all(decide(GRANTS[role], Verb.QUERY, key)[0] for key in SERVICE_KEYS)
+
+
+def test_who_stands_in_for_a_service_answers_what_it_does_and_nothing_else() -> None:
+    for role, services in STANDS_IN_FOR.items():
+        may = {key for key in SERVICE_KEYS if decide(GRANTS[role], Verb.ANSWER, key)[0]}
+        of_services = {
+            key
+            for key in SERVICE_KEYS
+            for service in services
+            if decide(GRANTS[service], Verb.ANSWER, key)[0]
+        }
+        assert may == of_services, role
 
 
 def test_in_an_exam_the_ground_truth_is_for_the_grader_alone() -> None:
@@ -238,9 +262,12 @@ def test_services_are_asked_and_answered_by_those_alone_who_may(yard: Yard) -> N
         for key in SERVICE_KEYS
     ]
     yard.settle()
-    target = zenoh.QueryTarget.ALL
+    # Of all who answer under one key.
+    target, consolidation = zenoh.QueryTarget.ALL, zenoh.ConsolidationMode.NONE
     for key in SERVICE_KEYS:
-        for one in yard.router.session.get(key, target=target, timeout=DEADLINE_S):
+        for one in yard.router.session.get(
+            key, target=target, consolidation=consolidation, timeout=DEADLINE_S
+        ):
             assert one.ok is not None
             answered[key].add(one.ok.payload.to_string())
     for queryable in queryables:
@@ -257,14 +284,12 @@ def test_nobody_says_that_another_one_is_there(yard: Yard) -> None:
         owner_of |= dict.fromkeys(its, service)
     of_people = KEYS.node_token("forged", 0, "rviz")
     commands = KEYS.endpoint_token("forged", 0, 1, "rviz", "MP", CMD_VEL)
-    of_nobody = [
-        KEYS.endpoint_token("forged", 0, 1, "rviz", "MP", ENTITIES),
-        KEYS.typed_token(
-            "forged", 0, 1, "rviz", "SS", "/spawn_entity",
-            "simulation_interfaces/srv/SpawnEntity", "RIHS01_0", RELIABLE_QOS,
-        ),
-    ]  # fmt: skip
-    tokens = [*owner_of, of_people, commands, *of_nobody]
+    senses = KEYS.endpoint_token("forged", 0, 1, "rviz", "MP", ENTITIES)
+    of_nobody = KEYS.typed_token(
+        "forged", 0, 1, "rviz", "SS", "/spawn_entity",
+        "simulation_interfaces/srv/SpawnEntity", "RIHS01_0", RELIABLE_QOS,
+    )  # fmt: skip
+    tokens = [*owner_of, of_people, commands, senses, of_nobody]
     for role, session in yard.sessions.items():
         held = [session.liveliness().declare_token(token) for token in tokens]
         alive(session, KEYS, timeout_s=DEADLINE_S)
@@ -276,10 +301,12 @@ def test_nobody_says_that_another_one_is_there(yard: Yard) -> None:
         } & set(tokens)
         may = {token for token in tokens if decide(GRANTS[role], Verb.DECLARE_TOKEN, token)[0]}
         assert found == may, role
-        assert {owner_of.get(token, role) for token in found} <= {role}, role
+        own = {role, *STANDS_IN_FOR.get(role, ())}
+        assert {owner_of.get(token, role) for token in found} <= own, role
         assert (of_people in found) == (role in PEOPLE), role
-        assert (commands in found) == (role == OPERATOR), role
-        assert not found & set(of_nobody), role
+        assert (commands in found) == (role in (OPERATOR, AUTONOMY)), role
+        assert (senses in found) == (role == ROBOT), role
+        assert of_nobody not in found, role
         for token in held:
             token.undeclare()  # type: ignore[no-untyped-call]
         alive(session, KEYS, timeout_s=DEADLINE_S)
@@ -364,7 +391,7 @@ def test_the_rules_name_no_key_twice() -> None:
 
 def test_the_table_says_who_may_do_what() -> None:
     rows = {row.name: row.roles for row in matrix(KEYS)}
-    assert in_short(rows[CMD_VEL.name][Verb.PUT]) == "navigation, operator"
+    assert in_short(rows[CMD_VEL.name][Verb.PUT]) == "navigation, operator, autonomy"
     assert in_short(rows[CLOCK.name][Verb.SUBSCRIBE]) == "every service, people"
     assert in_short(rows["/spawn_entity"][Verb.ANSWER]) == "spawner"
     assert rows.keys() >= {topic.name for topic in (*owned_by("physics"), *read_by("recorder"))}

@@ -1,10 +1,12 @@
-"""A stack of containers whose router asks for keys: docker/keys.yaml."""
+"""The router of containers asks for keys, and each container has its own."""
 
 from __future__ import annotations
 
 import functools
 import os
+import re
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 import yaml
@@ -18,37 +20,52 @@ from mazebot.common.files.root import ROOT
 from mazebot.common.messages.topics import SERVICES
 from tests.cli.test_app import mazebot
 from tests.compose.checks import is_active
-from tests.compose.stack import DEMOS, Stack, stack_of, wait_until
+from tests.compose.stack import DEMOS, OPEN, Stack, stack_of, wait_until
 from tests.console.live.running import Page
 
-FILES = "docker-compose.yaml", "docker/keys.yaml"
-PLAIN, KEYED = (yaml.safe_load((ROOT / name).read_text())["services"] for name in FILES)
+FILE, OPENED = (
+    yaml.safe_load((ROOT / name).read_text()) for name in OPEN["COMPOSE_FILE"].split(":")
+)
+STANZAS = {name: one for name, one in FILE["services"].items() if name != "nothing-named"}
 IDENTITIES = {*SERVICES, OPERATOR}
 HUMAN = "console", "navigation-only", "ros2-bridge"
 DEMO = DEMOS["original"]
 
 
+def keys_of(stanza: dict[str, Any]) -> set[str]:
+    """The volumes of keys that a container sees."""
+    volumes = (volume for volume in stanza["volumes"] if isinstance(volume, str))
+    return {volume for volume in volumes if volume.startswith(("key-", "./keys"))}
+
+
 def test_each_container_signs_in_and_sees_no_key_but_its_own() -> None:
-    assert KEYED.keys() == PLAIN.keys() - {"nothing-named"}
-    for name, stanza in KEYED.items():
+    for name, stanza in STANZAS.items():
         if name == ROUTER:
             continue
         assert stanza["environment"]["MAZEBOT_BUS_KEY_FILE"] == f"/keys/{HANDED_OUT}"
         identity = name if name in SERVICES else OPERATOR if name in HUMAN else "bringup"
-        assert f"key-{identity}:/keys:ro" in stanza["volumes"]
-        assert len(stanza["volumes"]) == (2 if name == "recorder" else 1)
+        of_foxglove = {"key-operator:/operator:ro"} if name == "recorder" else set()
+        assert keys_of(stanza) == {f"key-{identity}:/keys:ro"} | of_foxglove
 
 
 def test_the_router_alone_hands_them_out() -> None:
     handed = {f"key-{name}:/handout/{name}" for name in (ROUTER, *IDENTITIES)}
-    assert handed < set(KEYED[ROUTER]["volumes"])
+    assert keys_of(STANZAS[ROUTER]) == handed | {"./keys:/keys"}
+    assert FILE["volumes"].keys() == {f"key-{name}" for name in (ROUTER, *IDENTITIES)}
     for field in ("user", "cap_add", "init"):
-        assert KEYED[ROUTER][field] == PLAIN["recorder"][field]
+        assert STANZAS[ROUTER][field] == STANZAS["recorder"][field]
+
+
+def test_an_open_router_is_asked_without_a_key_by_everyone() -> None:
+    assert OPENED["services"].keys() == STANZAS.keys()
+    for name, stanza in OPENED["services"].items():
+        named = {key for key in STANZAS[name]["environment"] if re.search("KEY|HANDOUT", key)}
+        assert stanza["environment"] == dict.fromkeys(named, "")
 
 
 @pytest.fixture(scope="module")
 def stack(person: int, image: str) -> Iterator[Stack]:
-    with stack_of(person, {"COMPOSE_FILE": ":".join(FILES)}) as stack:
+    with stack_of(person) as stack:
         for stanza in (DEMO, "console"):
             started = stack.compose("up", "--detach", stanza)
             assert started.returncode == 0, started.stdout

@@ -47,9 +47,17 @@ def test_it_drives_to_the_goals_of_the_tour(simulator: Stack, navigation: Stack)
     assert len(tour) == 4
     for place in tour:
         pose = map(str, (place.x_m, place.y_m, place.yaw_rad))
-        driven = mazebot("goal", *pose, *connect)
+        driven = mazebot("goal", *pose, *connect, **simulator.signs_in)
         assert driven.returncode == 0, driven.stderr
-        said = mazebot("topic", "echo", "/ground_truth/odom", "--once", "--json", *connect)
+        said = mazebot(
+            "topic",
+            "echo",
+            "/ground_truth/odom",
+            "--once",
+            "--json",
+            *connect,
+            **simulator.signs_in,
+        )
         at = json.loads(said.stdout)["pose"]["pose"]["position"]
         assert math.dist((at["x"], at["y"]), (place.x_m, place.y_m)) < REACHED_M, place.name
 

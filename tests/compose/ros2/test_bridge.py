@@ -19,8 +19,6 @@ import pytest
 import zenoh
 
 from mazebot.common.bus.attachment import unpack_ros_attachment
-from mazebot.common.bus.config import BusConfig
-from mazebot.common.bus.session import open_session
 from mazebot.common.bus.subscriber import subscribe_samples
 from mazebot.common.files.root import ROOT
 from mazebot.common.messages import wire
@@ -79,7 +77,7 @@ def subscribed_to(
     stack: Stack, topic: Topic[Any], on_sample: Callable[[zenoh.Sample], None]
 ) -> Iterator[None]:
     """Listens to a topic on the bus."""
-    session = open_session(BusConfig(connect=stack.endpoint), timeout_s=5.0)
+    session = stack.session()
     key = KEYS.of_topic(topic)
     subscriber = subscribe_samples(session, key, topic.delivery, topic.depth, on_sample)
     try:
@@ -212,7 +210,7 @@ def test_what_a_node_hears_is_what_was_sent_byte_for_byte(stack: Stack) -> None:
 def test_the_robot_stops_when_the_node_that_drives_it_is_killed(
     stack: Stack, kind: str, measured: Measured
 ) -> None:
-    witness = Witness(stack.endpoint, KEYS)
+    witness = Witness(stack.session(), KEYS)
     process = started(SCRIPTS / "teleop.py", kind, "-0.1")
     try:
         wait_until(

@@ -37,13 +37,15 @@ def free_port() -> int:
 
 
 @contextmanager
-def running_router(port: int | None = None, keys_dir: Path | None = None) -> Iterator[str]:
+def running_router(
+    port: int | None = None, keys_dir: Path | None = None, encrypts: bool = False
+) -> Iterator[str]:
     """The endpoint of a router in its own process that accepts connections; with `keys_dir`, of
-    those alone who have a key.
+    those alone who have a key. `encrypts`: by TLS, which needs keys.
 
     Raises TimeoutError where it does not accept them.
     """
-    endpoint = f"tcp/127.0.0.1:{port or free_port()}"
+    endpoint = f"{'tls' if encrypts else 'tcp'}/127.0.0.1:{port or free_port()}"
     command = [sys.executable, "-m", "mazebot.router", "--listen", endpoint]
     key_file = None
     if keys_dir is not None:

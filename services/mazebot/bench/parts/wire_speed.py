@@ -1,5 +1,5 @@
 """Measures encoding and decoding of messages, and their way through a router on the loopback, with
-and without the rules of keys.
+and without the rules of keys, and encrypted.
 `python -m mazebot.bench.parts.wire_speed [REPEATS]` prints JSON.
 """
 
@@ -68,14 +68,14 @@ def measure(repeats: int) -> dict[str, dict[str, list[float]]]:
                 ),
             }
     with tempfile.TemporaryDirectory() as folder, ExitStack() as cleanup:
-        keys_dir = Path(folder) / "keys"
-        open_, locked = (
-            cleanup.enter_context(running_router(keys_dir=each)) for each in (None, keys_dir)
-        )
-        ways = {
-            "one way, without keys": (open_, None),
-            "one way, with keys": (locked, keys_dir),
-        }
+        ways = {}
+        for name, keys_dir, encrypts in (
+            ("without keys", None, False),
+            ("with keys", Path(folder) / "keys", False),
+            ("with keys and TLS", Path(folder) / "keys_and_certificates", True),
+        ):
+            router = running_router(keys_dir=keys_dir, encrypts=encrypts)
+            ways[f"one way, {name}"] = cleanup.enter_context(router), keys_dir
         for name, topic, owner, reader, data in _orders_and_pictures():
             measured[name] = _one_way_ms(ways, topic, owner, reader, data, repeats)
     return measured

@@ -50,7 +50,10 @@ def list_keys(folder: KeysDir = DEFAULT, as_json: Json = False) -> None:
 def add(
     name: _Name,
     role: Annotated[
-        str, typer.Option(help="operator, viewer or grader: see mazebot security matrix")
+        str,
+        typer.Option(
+            help="operator, viewer, grader, autonomy or robot: see mazebot security matrix"
+        ),
     ] = "viewer",
     folder: KeysDir = DEFAULT,
 ) -> None:

@@ -12,9 +12,30 @@ _HEAD = """# Access to the bus
 
 Generated from `services/mazebot/common/access/` by `make generate`; do not edit.
 
-Without keys, whoever can open the router's port can drive the robot and forge its sensors; the port
-is open on this machine alone. With keys, the router lets nobody in without one, and each does only
-what its role needs. For a class, an exam, or a machine with several users:
+With keys, the router lets nobody in without one, and each does only what its role needs. Containers
+have them from the first start on. Without, whoever can open the router's port can drive the robot
+and forge its sensors; the port is open on this machine alone.
+
+## In containers
+
+The keys are in `keys/` of the clone, and belong to its owner. `mazebot`, `make goal` and programs
+that use Mazebot find the operator's by themselves, if they are started in the clone; elsewhere
+`MAZEBOT_BUS_KEY_FILE` names it. Each container sees its own key alone, in a volume that it shares
+with the router; the console and Foxglove command as the operator.
+
+```
+docker compose -f docker-compose.yaml -f docker/open.yaml up simulator-enhanced   # without keys
+docker compose -f docker-compose.yaml -f docker/tls.yaml up demo-world-enhanced   # encrypted
+GROUND_TRUTH_FOR=grader docker compose up demo-world-enhanced                     # an exam
+```
+
+Without keys every node of ROS 2 on this machine joins, and what only your own nodes have passes the
+router, too: Nav2 in place of our navigation needs that. In an exam, of people only a grader may
+read the ground truth.
+
+## Without Docker
+
+For a class, an exam, or a machine with several users:
 
 ```sh
 mazebot up --world original --keys keys     # makes the keys that are missing in the folder `keys`
@@ -34,28 +55,36 @@ do is refused in a line. While a stack runs, keys may be made, revoked and repla
 everyone signs in again, the robot stands for that time, and the services go on where they were. A
 key that is wrong changes nothing, and the router's log names it.
 
-In containers, one more file makes the router ask for keys:
-
-```
-docker compose -f docker-compose.yaml -f docker/keys.yaml up demo-world-enhanced
-export COMPOSE_FILE=docker-compose.yaml:docker/keys.yaml    # for every `docker compose` after it
-```
-
-The keys are then in `./keys`, which belongs to the owner of the clone; `mazebot keys` lists and
-replaces them there. `mazebot` and programs that are started in the clone find the operator's by
-themselves. Each container sees its own key alone, in a volume that it shares with the router; the
-console and Foxglove command as the operator. `GROUND_TRUTH_FOR=grader` makes the exam of below.
-
 A service publishes the topics that the table gives it, and no others; nobody has its name but
 itself. A node of ROS 2 signs in by `ZENOH_CONFIG_OVERRIDE`, which `mazebot doctor --ros` prints
 with the operator's key. It must be a client (`mode="client"`): two peers talk past the router, and
-past its rules. With a wildcard, such as `**`, nothing is read. An operator commands; Nav2 in place
-of our navigation, or another simulator, publishes what only services may: leave keys out there.
+past its rules. With a wildcard, such as `**`, nothing is read. A program that localises, maps or
+drives in place of ours signs in as `autonomy`, a robot or simulator in place of `physics` as
+`robot`.
 
-The password crosses the network in the open: keys are for one machine, or a network that you trust.
 The console signs in with one key for all who open its page ([console](console.md)). In lockstep,
-keys must not be changed while a run goes on. `MAZEBOT_ROUTER_GROUND_TRUTH_FOR=grader` makes an
-exam: of people, only a grader may read the ground truth.
+keys must not be changed while a run goes on. `MAZEBOT_ROUTER_GROUND_TRUTH_FOR=grader` makes the
+exam without Docker.
+
+## Encrypted
+
+Without TLS, passwords and messages cross the network in the open: keys alone are for one machine,
+or a network that you trust. With `docker/tls.yaml`, or as
+`python -m mazebot.router --listen tls/0.0.0.0:7447 --keys-dir keys`, the router speaks TLS 1.3
+only. It makes an authority of its own in the folder (`authority.pem`: leave it there, it signs the
+certificates), and puts a certificate into each key, which both sides show each other. They last for
+398 days; the router makes new ones when it starts within 30 days of their end. Tools connect to
+`tls/`:
+
+```
+MAZEBOT_BUS_CONNECT=tls/127.0.0.1:7447 mazebot goal 0.5 -0.9 0
+```
+
+From another machine, hand over `keys/operator.key` by a safe way, publish the router's port there,
+and start it with `TLS_HOSTS=NAME` (without Docker `--tls-hosts NAME`), the name or address by which
+it is reached: a router whose certificate has another one is not trusted.
+
+## Roles
 
 | role | may |
 | --- | --- |

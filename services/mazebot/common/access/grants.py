@@ -31,12 +31,23 @@ from mazebot.common.ros.table import ROS_SERVICES, services_of
 
 ROUTER: Final = "router"
 OPERATOR, VIEWER, GRADER = "operator", "viewer", "grader"
+AUTONOMY, ROBOT = "autonomy", "robot"
 PEOPLE: Final = {
     OPERATOR: "reads topics, calls every service, commands the robot",
     VIEWER: "reads topics and state, and changes nothing",
     GRADER: "as viewer, and always the ground truth",
+    AUTONOMY: "as operator, and publishes and answers what localization, mapping, explorer and "
+    "navigation do: for a program in their place",
+    ROBOT: "as viewer, and publishes and answers what physics does: for a robot or simulator in "
+    "its place",
 }
-"""The roles of people, and what they may do."""
+"""The roles of people and their programs, and what they may do."""
+STANDS_IN_FOR: Final[dict[str, tuple[str, ...]]] = {
+    AUTONOMY: ("localization", "mapping", "explorer", "navigation"),
+    ROBOT: ("physics",),
+}
+"""The services in whose place a role may publish and answer."""
+_COMMANDS = OPERATOR, AUTONOMY
 ROLES: Final = (ROUTER, *SERVICES, *PEOPLE)
 
 
@@ -105,9 +116,7 @@ def _of_service(name: str, keys: Keys) -> Iterator[Grant]:
     reads: tuple[Topic[Any], ...] = (CLOCK, *read_by(name), *kept_by(name))
     for topic in dict.fromkeys(reads):
         yield from _subscribes(topic, keys, name)
-    for query in asked_of(name):
-        yield Grant(Verb.ANSWER, keys.of_query(query), f"query {query.name}: {name} answers it")
-    yield from _services(name, keys)
+    yield from _answers(name, keys, name)
     yield from _node_tokens(name, keys)
     for prefix, why in (
         (ALIVE_PREFIX, "says that it is alive"), (SEAT_PREFIX, "takes its turn in lockstep")
@@ -134,27 +143,28 @@ def _of_people(role: str, keys: Keys, operator_sees_truth: bool) -> Iterator[Gra
     for name, type_name in _action_topics(None, keys):
         why = f"topic {name}: {role} reads it"
         yield from _advanced_subscriber(_typed(name, type_name, keys), why)
-    if role == OPERATOR:
-        for topic in owned_by(EDGE):
+    stands_in_for = STANDS_IN_FOR.get(role, ())
+    for owner in (*((EDGE,) if role in _COMMANDS else ()), *stands_in_for):
+        for topic in owned_by(owner):
             yield from _publishes(topic, keys, role)
-            name = topic.name.removeprefix("/").replace("/", "%")
-            prefix = f"%{keys.prefix}".replace("/", "%")
-            yield Grant(
-                Verb.DECLARE_TOKEN,
-                f"{_GRAPH}/{keys.domain_id}/*/*/*/MP/*/*/*/{prefix}{name}/**",
-                f"topic {topic.name}: {EDGE} publishes it",
-            )
+            yield _token("MP", topic.name, keys, f"topic {topic.name}: {owner} publishes it")
+    for service in stands_in_for:
+        yield from _answers(service, keys, role)
+        for name, _ in _action_topics(service, keys):
+            yield _token("MP", name, keys, f"topic {name}: {service} publishes it")
+        for name, _ in _service_types(service, keys):
+            yield _token("SS", name, keys, f"service {name}: {service} answers it")
     for query in QUERIES:
-        if role == OPERATOR or query.name.startswith("/get_"):
+        if role in _COMMANDS or query.name.startswith("/get_"):
             yield Grant(Verb.QUERY, keys.of_query(query), f"query {query.name}: {role} asks it")
     for name, type_name in _service_types(None, keys):
-        if role == OPERATOR or _only_reads(name, type_name):
+        if role in _COMMANDS or _only_reads(name, type_name):
             key = _typed(name, type_name, keys)
             yield Grant(Verb.QUERY, key, f"service {name}: {role} calls it")
     for kind in ("NN", "MS", "SC"):
         key = f"{_GRAPH}/{keys.domain_id}/*/*/*/{kind}/**"
         yield Grant(Verb.DECLARE_TOKEN, key, "nodes of people stand in ROS 2's graph")
-    for service in (ROUTER, *SERVICES):
+    for service in [name for name in (ROUTER, *SERVICES) if name not in stands_in_for]:
         for kind in ("NN", "MP", "MS", "SC"):
             key = f"{_GRAPH}/{keys.domain_id}/*/*/*/{kind}/*/*/{service}/**"
             why = f"only {service} may have a node of its name"
@@ -200,12 +210,14 @@ def _advanced_subscriber(key: str, why: str) -> Iterator[Grant]:
         yield Grant(verb, f"{key}/@adv/**", why)
 
 
-def _services(node: str, keys: Keys) -> Iterator[Grant]:
-    for name, type_name in _service_types(node, keys):
+def _answers(service: str, keys: Keys, who: str) -> Iterator[Grant]:
+    for query in asked_of(service):
+        yield Grant(Verb.ANSWER, keys.of_query(query), f"query {query.name}: {who} answers it")
+    for name, type_name in _service_types(service, keys):
         key = _typed(name, type_name, keys)
-        yield Grant(Verb.ANSWER, key, f"service {name}: {node} answers it")
-    for name, type_name in _action_topics(node, keys):
-        why = f"topic {name}: {node} publishes it"
+        yield Grant(Verb.ANSWER, key, f"service {name}: {who} answers it")
+    for name, type_name in _action_topics(service, keys):
+        why = f"topic {name}: {who} publishes it"
         yield from _advanced_publisher(_typed(name, type_name, keys), why)
 
 
@@ -231,6 +243,14 @@ def _node_tokens(name: str, keys: Keys) -> Iterator[Grant]:
     if keys.is_ros:
         key = f"{_GRAPH}/{keys.domain_id}/*/*/*/*/*/*/{name}/**"
         yield Grant(Verb.DECLARE_TOKEN, key, f"node {name} stands in ROS 2's graph")
+
+
+def _token(kind: str, name: str, keys: Keys, why: str) -> Grant:
+    """Of a publisher (MP) or a service (SS) in ROS 2's graph, by whatever node."""
+    mangled = f"/{keys.prefix}{name.removeprefix('/')}".replace("/", "%")
+    return Grant(
+        Verb.DECLARE_TOKEN, f"{_GRAPH}/{keys.domain_id}/*/*/*/{kind}/*/*/*/{mangled}/**", why
+    )
 
 
 def _sees_tokens(keys: Keys) -> Iterator[Grant]:

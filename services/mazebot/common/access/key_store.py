@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import secrets
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from mazebot.common.access.grants import PEOPLE, ROLES, ROUTER
 from mazebot.common.config import ConfigError
@@ -20,11 +20,17 @@ from mazebot.common.files.key_file import (
     KeyFileError,
     file_of,
     read_key,
+    text_of,
 )
 from mazebot.common.messages.topics import SERVICES
 
+if TYPE_CHECKING:
+    from mazebot.common.access.certificates import Authority
+
 _PASSWORD_BYTES = 32
 _READABLE = 0o644
+AUTHORITY = "authority.pem"
+"""The file of whoever signs the certificates of a folder of keys, if they have any."""
 
 
 class KeyStore:
@@ -72,17 +78,59 @@ class KeyStore:
                 found[path.name] = path.stat().st_mtime_ns
         return found
 
-    def complete(self) -> list[str]:
+    def complete(self, hosts: Sequence[str] | None = None) -> list[str]:
         """Make the keys of the services, and one for each role of people, that are missing; return
         their names.
 
+        Args:
+            hosts: names and addresses by which the router is reached, where it is to speak TLS:
+                every key gets a certificate, and those that end soon a new one.
+
         Raises ConfigError.
         """
+        if hosts is not None and not self._authority_path.exists():
+            from mazebot.common.access.certificates import Authority  # noqa: PLC0415
+
+            _write(self._authority_path, Authority.new().text)
         there = self.read()
         missing = [name for name in (ROUTER, *SERVICES, *PEOPLE) if name not in there]
         for name in missing:
             self._make(name, name)
-        return missing
+        renewed = [] if hosts is None else self._renew(hosts)
+        return [*missing, *(name for name in renewed if name not in missing)]
+
+    def _renew(self, hosts: Sequence[str]) -> list[str]:
+        """Give a new certificate to each key that has none which lasts."""
+        authority, renewed = self._authority(), []
+        assert authority is not None
+        for name, key in self.read().items():
+            its_hosts = hosts if name == ROUTER else ()
+            if not authority.still_holds(key.certificate, its_hosts):
+                certificate = authority.issue(name, its_hosts)
+                _write(self.path_of(name), text_of(key._replace(certificate=certificate)))
+                renewed.append(name)
+        return renewed
+
+    @property
+    def _authority_path(self) -> Path:
+        return self.folder / AUTHORITY
+
+    def _authority(self) -> Authority | None:
+        """Who signs the certificates, where there are any. Raises ConfigError."""
+        path = self._authority_path
+        if not path.exists():
+            return None
+        from mazebot.common.access.certificates import Authority  # noqa: PLC0415 - loads slowly
+
+        try:
+            return Authority.of_text(path.read_text(encoding="ascii"))
+        except OSError as error:
+            raise ConfigError(f"{path}: {error.strerror}") from error
+        except ValueError as error:
+            raise ConfigError(
+                f"{path}: must be the authority that the router made: remove it, and the router "
+                "makes a new one, and new certificates"
+            ) from error
 
     def add(self, name: str, role: str) -> Path:
         """Make a key for a person. Raises ConfigError where the name is taken, or is none."""
@@ -130,7 +178,7 @@ class KeyStore:
         for own in sorted(path for path in folder.iterdir() if path.is_dir()):
             path = own / HANDED_OUT
             key = keys.get(own.name)
-            text = None if key is None else _text(key)
+            text = None if key is None else text_of(key)
             if (path.read_text(encoding="utf-8") if path.exists() else None) == text:
                 continue
             if text is None:
@@ -148,14 +196,13 @@ class KeyStore:
         return keys[name]
 
     def _make(self, name: str, role: str) -> Path:
-        key = Key(name, role, secrets.token_urlsafe(_PASSWORD_BYTES))
+        authority = self._authority()
+        # The router's has the names by which it is reached, which it alone knows.
+        certificate = authority.issue(name) if authority and name != ROUTER else None
+        key = Key(name, role, secrets.token_urlsafe(_PASSWORD_BYTES), certificate)
         path = self.path_of(name)
-        _write(path, _text(key))
+        _write(path, text_of(key))
         return path
-
-
-def _text(key: Key) -> str:
-    return json.dumps(key._asdict())
 
 
 def _write(path: Path, text: str, mode: int = 0o600) -> None:

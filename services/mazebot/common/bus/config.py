@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 from typing import Literal
 
 from pydantic import Field, field_validator
 
-from mazebot.common.config import ServiceConfig
+from mazebot.common.config import OptionalPath, ServiceConfig
 from mazebot.common.messages.keys import Keys
 from mazebot.common.speeds import MAX_SPEED, MIN_SPEED
 
@@ -20,7 +19,7 @@ class BusConfig(ServiceConfig):
     """The connection to the other services."""
 
     connect: str = Field("tcp/127.0.0.1:7447", description="Zenoh endpoint of the router")
-    key_file: Path | None = Field(
+    key_file: OptionalPath = Field(
         None,
         description="key with which this process signs in at the router, made by `mazebot keys`; "
         "without one, tools use the operator's key of the stack of this user on that port, if it "

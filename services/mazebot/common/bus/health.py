@@ -35,7 +35,7 @@ def open_client(endpoint: str, key: Key | None = None) -> zenoh.Session:
         "scouting/multicast/enabled": False,
     }
     if key:
-        options |= sign_in(key)
+        options |= sign_in(key, endpoint)
     for name, value in options.items():
         settings.insert_json5(name, json.dumps(value))
     return zenoh.open(settings)

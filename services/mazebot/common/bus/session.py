@@ -14,6 +14,7 @@ import zenoh
 from mazebot.common.bus.config import BusConfig
 from mazebot.common.bus.linger import stop_lingering
 from mazebot.common.files.key_file import (
+    TLS,
     Key,
     KeyFileError,
     operators_key,
@@ -99,13 +100,13 @@ def _open(
         "transport/link/tx/queue/congestion_control/drop/wait_before_drop": WAIT_BEFORE_DROP_US,
     }
     if key:
-        options |= sign_in(key)
+        options |= sign_in(key, config.connect)
     try:
         for name, value in options.items():
             settings.insert_json5(name, json.dumps(value))
         session = zenoh.open(settings)
     except zenoh.ZError as error:
-        raise _why_not(config.connect, key_file) from error
+        raise _why_not(config.connect, key_file, key) from error
     close_links_at_once(session)
     return session, key
 
@@ -129,20 +130,27 @@ def _key_path(config: BusConfig) -> Path | None:
     return config.key_file or operators_key(config.connect)
 
 
-def _why_not(endpoint: str, key_file: Path | None) -> BusUnavailableError:
+def _why_not(endpoint: str, key_file: Path | None, key: Key | None) -> BusUnavailableError:
     """Why no session could be opened; Zenoh itself does not tell."""
     if not _listens(endpoint):
         return BusUnavailableError(f"no Zenoh router at {endpoint}")
-    why = (
-        "asks for a key: MAZEBOT_BUS_KEY_FILE, see `mazebot keys`"
-        if key_file is None
-        else f"refuses the key {key_file}"
-    )
+    encrypts = endpoint.startswith(TLS)
+    if key is None:
+        why = (
+            "asks for a key: set MAZEBOT_BUS_KEY_FILE, or start this in the clone whose containers "
+            "run; see `mazebot keys`"
+        )
+    elif encrypts and key.certificate is None:
+        why = f"asks for a certificate, which the key {key_file} has not"
+    elif key.certificate is not None and not encrypts:
+        why = f"refuses the key {key_file}, or encrypts: MAZEBOT_BUS_CONNECT={TLS}..."
+    else:
+        why = f"refuses the key {key_file}"
     return BusUnavailableError(f"the router at {endpoint} does not answer, or {why}", listens=True)
 
 
 def _listens(endpoint: str) -> bool:
-    found = re.fullmatch(r"tcp/\[?(?P<host>.+?)\]?:(?P<port>\d+)", endpoint)
+    found = re.fullmatch(r"(?:tcp|tls)/\[?(?P<host>.+?)\]?:(?P<port>\d+)", endpoint)
     if found is None:
         return False
     try:

@@ -4,6 +4,7 @@ it.
 
 from __future__ import annotations
 
+import base64
 import json
 import os
 import re
@@ -18,23 +19,36 @@ _FORMS = {"name": NAME, "role": NAME, "password": _PASSWORD}
 SUFFIX = ".key"
 HANDED_OUT = "own.key"
 """The file in which an identity finds its key in a folder of its own."""
-_LONGEST = 4096
+_LONGEST = 16_384
 """Bytes of a key file: far above what it holds."""
 KEYS = "keys"
 """The folder with the keys in a stack's folder, while it runs with keys."""
-_LOOPBACK = re.compile(r"tcp/(127\.0\.0\.1|localhost|\[::1\]):(?P<port>\d+)")
+_PEM = re.compile(r"(-----BEGIN [A-Z ]+-----\n[A-Za-z0-9+/=\n]+-----END [A-Z ]+-----\n)+")
+TLS = "tls/"
+"""How an endpoint begins whose router asks for a certificate, and encrypts."""
+_LOOPBACK = re.compile(r"(tcp|tls)/(127\.0\.0\.1|localhost|\[::1\]):(?P<port>\d+)")
 
 
 class KeyFileError(ValueError):
     """A file that is no key; the text is one line."""
 
 
+class Certificate(NamedTuple):
+    """With which an identity shows that it is who it says it is: PEM."""
+
+    authority: str
+    """The certificate of whoever has signed it, and those of all others."""
+    certificate: str
+    private_key: str
+
+
 class Key(NamedTuple):
-    """An identity with its password."""
+    """An identity with its password, and its certificate, if there is one."""
 
     name: str
     role: str
     password: str
+    certificate: Certificate | None = None
 
 
 def file_of(folder: Path, name: str) -> Path:
@@ -55,12 +69,49 @@ def read_key(path: Path) -> Key:
         value = content.get(field) if isinstance(content, dict) else None
         if not isinstance(value, str) or form.fullmatch(value) is None:
             raise KeyFileError(f"{path}: {field}: must be a key that `mazebot keys` made")
-    return Key(*(content[field] for field in Key._fields))
+    name, role, password = (content[field] for field in _FORMS)
+    return Key(name, role, password, _certificate_in(content, path))
 
 
-def sign_in(key: Key) -> dict[str, object]:
-    """The settings of a Zenoh session that signs in with a key."""
-    return {"transport/auth/usrpwd": {"user": key.name, "password": key.password}}
+def _certificate_in(content: dict[str, object], path: Path) -> Certificate | None:
+    found = content.get("certificate")
+    if found is None:
+        return None
+    values = [
+        found.get(field) if isinstance(found, dict) else None for field in Certificate._fields
+    ]
+    texts = [one for one in values if isinstance(one, str) and _PEM.fullmatch(one)]
+    if len(texts) != len(values):
+        raise KeyFileError(f"{path}: certificate: must be one that `mazebot keys` made")
+    return Certificate(*texts)
+
+
+def text_of(key: Key) -> str:
+    """What `read_key` reads."""
+    content = key._asdict()
+    content["certificate"] = key.certificate and key.certificate._asdict()
+    return json.dumps({field: value for field, value in content.items() if value is not None})
+
+
+def sign_in(key: Key, endpoint: str) -> dict[str, dict[str, str | bool]]:
+    """The settings of a Zenoh session that signs in with a key at an endpoint."""
+    settings: dict[str, dict[str, str | bool]] = {
+        "transport/auth/usrpwd": {"user": key.name, "password": key.password}
+    }
+    if endpoint.startswith(TLS) and key.certificate is not None:
+        settings["transport/link/tls"] = {
+            "root_ca_certificate_base64": in_base64(key.certificate.authority),
+            "connect_certificate_base64": in_base64(key.certificate.certificate),
+            "connect_private_key_base64": in_base64(key.certificate.private_key),
+            "enable_mtls": True,
+            "verify_name_on_connect": True,
+        }
+    return settings
+
+
+def in_base64(text: str) -> str:
+    """As Zenoh's settings have what else would be a file."""
+    return base64.b64encode(text.encode()).decode()
 
 
 def stacks_folder() -> Path:
