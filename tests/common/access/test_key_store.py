@@ -12,6 +12,7 @@ from mazebot.common.access.key_store import KeyStore
 from mazebot.common.config import ConfigError
 from mazebot.common.files.key_file import (
     HANDED_OUT,
+    Certificate,
     KeyFileError,
     operators_key,
     operators_key_here,
@@ -104,19 +105,24 @@ RIGHT = {"name": "anna", "role": "viewer", "password": "x" * 43}
         (b"\x00\xff\xfe", "must be a key"),
         (b"[1, 2]", "name: must be a key"),
         (b"[" * 4000, "must be a key"),
-        (b" " * 10_000 + json.dumps(RIGHT).encode(), "must be a key"),
+        (b" " * 20_000 + json.dumps(RIGHT).encode(), "must be a key"),
         (json.dumps(RIGHT | {"name": "An\nna"}).encode(), "name: must be a key"),
         (json.dumps(RIGHT | {"password": 7}).encode(), "password: must be a key"),
         (json.dumps(RIGHT | {"password": "a\nroot:b"}).encode(), "password: must be a key"),
         (json.dumps({"name": "anna", "role": "viewer"}).encode(), "password: must be a key"),
         (json.dumps(RIGHT | {"role": "root"}).encode(), "role: root: must be one of router, "),
         (json.dumps(RIGHT | {"name": "bob"}).encode(), "name: bob: must be the file's"),
+        (json.dumps(RIGHT | {"certificate": 7}).encode(), "certificate: must be one that"),
+        (
+            json.dumps(RIGHT | {"certificate": dict.fromkeys(Certificate._fields, "x")}).encode(),
+            "certificate: must be one that `mazebot keys` made",
+        ),
         (
             json.dumps(RIGHT | {"role": "physics"}).encode(),
             "role: physics: must be one of operator, viewer, grader",
         ),
     ],
-    ids=range(12),
+    ids=range(14),
 )
 def test_a_file_that_is_no_key_is_named(store: KeyStore, content: bytes, text: str) -> None:
     store.path_of("anna").write_bytes(content)
