@@ -147,7 +147,7 @@ def test_each_stanza_is_hardened(name: str) -> None:
 @pytest.mark.parametrize("name", OURS)
 def test_each_stanza_but_the_bridge_is_in_the_stack_s_own_network(name: str) -> None:
     stanza = STANZAS[name]
-    assert set(stanza["profiles"]) <= {*PROFILES, *SIMULATORS, NAVIGATION, "console"}
+    assert set(stanza["profiles"]) <= {*PROFILES, *SIMULATORS, NAVIGATION, "console", "tools"}
     assert stanza["image"] == "mazebot"
     assert "network_mode" not in stanza
     assert "edge" not in stanza["networks"] or name in WRITERS

@@ -28,7 +28,7 @@ FILE, OPENED = (
 )
 STANZAS = {name: one for name, one in FILE["services"].items() if name != "nothing-named"}
 IDENTITIES = {*SERVICES, OPERATOR}
-HUMAN = "console", "navigation-only", "ros2-bridge"
+HUMAN = "console", "mazebot", "navigation-only", "ros2-bridge"
 DEMO = DEMOS["original"]
 
 
@@ -106,6 +106,18 @@ def test_nobody_gets_in_without_a_key_and_the_owner_of_the_clone_has_one(
     assert refused.returncode != 0
     assert refused.stdout == ""
     assert "viewer" in refused.stderr
+
+
+@pytest.mark.compose
+def test_a_person_without_python_has_the_command_line_in_a_container(stack: Stack) -> None:
+    goal = ("goal", "-1.678", "-1.178", "--timeout", "0.5")
+    sent = stack.compose("run", "--rm", "-T", "mazebot", *goal)
+    assert "driving to" in sent.stdout
+    told = stack.compose("run", "--rm", "-T", "mazebot", "topic", "echo", "/scan", "--once")
+    assert told.returncode == 0, told.stdout
+    assert "range_max" in told.stdout
+    said = stack.inside("navigation", "import os; print(os.access('/keys/own.key', os.W_OK))")
+    assert said == "False"
 
 
 @pytest.mark.compose

@@ -126,7 +126,7 @@ def _run(
 
     try:
         stack.start()
-        witness = Witness(stack.endpoint, options.world, options.explore)
+        witness = Witness(stack.bus, options.world, options.explore)
         try:
             witness.request_world(_ACTIVE_S)
             trials = run_faults(stack, witness, order, options.seed, tell, options.explore)

@@ -13,7 +13,10 @@ from pathlib import Path
 
 from mazebot.bench.chaos.links import Links, Shape
 from mazebot.bench.parts.loopback_router import free_port, running_router
+from mazebot.common.access.grants import OPERATOR
+from mazebot.common.bus.config import BusConfig
 from mazebot.common.config import ConfigError
+from mazebot.common.files.key_file import file_of
 from mazebot.common.files.root import ROOT
 from mazebot.common.node.node import random_generator
 
@@ -48,6 +51,10 @@ class Stack(ABC):
     def endpoint(self) -> str:
         """Where its router listens."""
         return f"tcp/127.0.0.1:{self.port}"
+
+    def bus(self, identity: str = OPERATOR) -> BusConfig:
+        """How somebody joins its bus."""
+        return BusConfig(connect=self.endpoint)
 
     @property
     def recordings(self) -> Path:
@@ -244,6 +251,11 @@ class ContainerStack(Stack):
             "MAZEBOT_FOXGLOVE_PORT": str(free_port()),
             "SEED": str(seed),
         }
+
+    def bus(self, identity: str = OPERATOR) -> BusConfig:
+        """See Stack."""
+        key_file = file_of(self.folder / "keys", identity)
+        return BusConfig(connect=self.endpoint, key_file=key_file)
 
     def start(self) -> None:
         """See Stack."""

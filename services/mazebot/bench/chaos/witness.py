@@ -10,6 +10,7 @@ import uuid
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+from mazebot.common.access.grants import OPERATOR
 from mazebot.common.bus.attachment import pack_attachment
 from mazebot.common.bus.config import BusConfig
 from mazebot.common.bus.liveliness import alive, alive_key
@@ -76,8 +77,12 @@ class Motion(NamedTuple):
 class Witness:
     """A person at a terminal who watches the robot and sends it about."""
 
-    def __init__(self, endpoint: str, world_name: str, explores: bool = False) -> None:
-        """Raises BusUnavailableError where there is no router."""
+    def __init__(
+        self, bus: Callable[[str], BusConfig], world_name: str, explores: bool = False
+    ) -> None:
+        """`bus`: how it joins as one or another. Raises BusUnavailableError where there is no
+        router.
+        """
         self._lock = threading.Lock()
         self.motions: list[Motion] = []
         self.contacts: list[tuple[float, Contact]] = []
@@ -87,14 +92,14 @@ class Witness:
         self.localization: tuple[float, LocalizationStatus] | None = None
         self.exploration: tuple[float, ExplorationStatus] | None = None
         self.world: World | None = None
-        self._endpoint = endpoint
+        self._bus = bus
         self._request = WorldRequest(world_name=world_name, slam=explores, explore=explores)
         self._source, self._number = uuid.uuid4().hex, 0
         self.open()
 
     def open(self) -> None:
         """Join the bus, anew if need be."""
-        self._session = open_session(BusConfig(connect=self._endpoint), _SESSION_S)
+        self._session = open_session(self._bus(OPERATOR), _SESSION_S)
         heard: tuple[tuple[Topic[Any], Callable[[Any], None]], ...] = (
             (GROUND_TRUTH_ODOM, self._on_truth),
             (CONTACTS, lambda one: self.contacts.append((time.monotonic(), one))),
@@ -117,13 +122,15 @@ class Witness:
 
         Raises ConfigError where it cannot in this time.
         """
-        token = self._session.liveliness().declare_token(alive_key("bringup", self._source))
-        publisher = publish(self._session, WORLD_REQUEST)
+        session = open_session(self._bus("bringup"), _SESSION_S)
+        token = session.liveliness().declare_token(alive_key("bringup", self._source))
+        publisher = publish(session, WORLD_REQUEST)
         self.navigation = None
         self._say(publisher, WORLD_REQUEST, self._request)
         self.wait(lambda: self.is_active and self.world is not None, timeout_s, "an active robot")
         token.undeclare()  # type: ignore[no-untyped-call]
         publisher.undeclare()
+        session.close()  # type: ignore[no-untyped-call]
 
     def reset(self) -> None:
         """Put everything back to the start. Raises ConfigError where it is refused."""

@@ -77,7 +77,7 @@ def fuzz_stack(
     try:
         tell("starting a stack")
         stack.start()
-        witness = Witness(stack.endpoint, "sim_house_enhanced")
+        witness = Witness(stack.bus, "sim_house_enhanced")
         try:
             witness.request_world(_ACTIVE_S)
             _fuzz(stack, witness, seed, seconds, real, report, tell)
