@@ -28,6 +28,7 @@ from mazebot.common.access.key_store import KeyStore
 from mazebot.common.access.matrix import in_short, matrix, named
 from mazebot.common.access.rules import access_control, decide
 from mazebot.common.bus.config import BusConfig
+from mazebot.common.bus.handover import HELD_PREFIX
 from mazebot.common.bus.liveliness import alive, alive_key
 from mazebot.common.bus.publisher import publish
 from mazebot.common.bus.session import BusUnavailableError, open_session
@@ -345,6 +346,39 @@ def test_a_late_reader_gets_what_the_owner_has_latched_and_no_forged_one(yard: Y
         assert got == [b"right"], role
     for publisher in (*publishers, owner):
         publisher.undeclare()
+
+
+def test_services_alone_hand_over_to_each_other_what_they_keep(yard: Yard) -> None:
+    own = {role: KEYS.own(f"{HELD_PREFIX}{role}/source") for role in ROLES}
+    everyone = KEYS.own(f"{HELD_PREFIX}*/*")
+
+    def give(key: str) -> Callable[[zenoh.Query], None]:
+        def answer(query: zenoh.Query) -> None:
+            with query:
+                query.reply(key, b"kept")
+
+        return answer
+
+    queryables: list[Any] = [
+        session.declare_queryable(own[role], give(own[role]))
+        for role, session in yard.sessions.items()
+    ]
+    # And one that says it is another.
+    forged = own["physics"].replace("source", "forged")
+    queryables.append(yard.sessions[OPERATOR].declare_queryable(forged, give(forged)))
+    yard.settle()
+    target, consolidation = zenoh.QueryTarget.ALL, zenoh.ConsolidationMode.NONE
+    for role, session in yard.sessions.items():
+        replies = session.get(
+            everyone, target=target, consolidation=consolidation, timeout=DEADLINE_S
+        )
+        found = {str(reply.ok.key_expr) for reply in replies if reply.ok is not None}
+        others = {own[name] for name in SERVICES if role in SERVICES and role != name}
+        # What it answers itself does not pass the router.
+        assert found - {own[role], forged} == others, role
+        assert forged not in found or role == OPERATOR
+    for queryable in queryables:
+        queryable.undeclare()
 
 
 def test_what_is_denied_is_told_in_a_line(yard: Yard) -> None:

@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from abc import ABC, abstractmethod
 from contextlib import ExitStack
 from pathlib import Path
@@ -268,6 +269,11 @@ class ContainerStack(Stack):
                 link.symlink_to(ROOT / name)
             link.mkdir(exist_ok=True)
         self._compose("--profile", self._profile, "up", "--detach", "router", *self.services)
+        end_s = time.monotonic() + _COMMAND_S
+        while self.bus().key_file is not None and not self.bus().key_file.exists():
+            if time.monotonic() > end_s:
+                raise ConfigError(f"{self.bus().key_file}: the router has made no key")
+            time.sleep(0.1)
 
     def stop(self) -> None:
         """See Stack."""

@@ -70,6 +70,8 @@ class Verb(Enum):
     SUBSCRIBE = (("declare_subscriber",), ("put",))
     QUERY = (("query",), ("reply", "declare_queryable"))
     ANSWER = (("declare_queryable", "reply"), ("query",))
+    ASKED_WITH_ALL = ((), ("query",))
+    """Be asked with a wildcard that more than its own keys match. It answers with its own."""
     RESEND = (("reply",), ())
     """Answer with messages under their own key, as the cache of a publisher does."""
     GET_RESENT = ((), ("reply",))
@@ -129,6 +131,7 @@ def _of_service(name: str, keys: Keys) -> Iterator[Grant]:
     yield Grant(Verb.PUT, keys.own(f"{WAKE_PREFIX}{name}/*"), f"{name} asks for a turn")
     held = keys.own(f"{HELD_PREFIX}*/*")
     yield Grant(Verb.QUERY, held, f"{name} asks the others for latched messages")
+    yield Grant(Verb.ASKED_WITH_ALL, held, f"{name} is asked for latched messages with the others")
     if CLOCK in owned_by(name):
         yield Grant(Verb.QUERY, keys.own(f"{SEAT_PREFIX}*/*"), f"{name} gives turns in lockstep")
         yield Grant(Verb.SUBSCRIBE, keys.own(f"{WAKE_PREFIX}*/*"), f"{name} gives turns")
