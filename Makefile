@@ -194,7 +194,7 @@ bench: $(STAMP) ## measure speed and memory, beside PyBullet and ir-sim (JSON=be
 soak: $(STAMP) ## drive an hour of simulated time to random goals (HOURS=1 SEED=7 WORLD=enhanced CAMERA=)
 	@.venv/bin/python -m mazebot.bench.whole.soak --hours $(HOURS) --seed $(SEED) --world $(WORLD) $(if $(CAMERA),--camera)
 
-chaos: $(STAMP) ## kill, freeze and cut off services while the robot drives (SEED=7 TIMES=1 FAULT=kill-physics EXPLORE=1 LINKS=1 CONTAINERS=1)
+chaos: $(STAMP) $(if $(CONTAINERS),image) ## kill, freeze and cut off services while the robot drives (SEED=7 TIMES=1 FAULT=kill-physics EXPLORE=1 LINKS=1 CONTAINERS=1)
 	@.venv/bin/python -m mazebot.bench.chaos --seed $(SEED) $(TIMES:%=--times %) $(FAULT:%=--fault %) \
 		$(if $(EXPLORE),--explore) $(if $(LINKS),--links) $(if $(CONTAINERS),--containers) --plot chaos.png --json $(if $(filter file,$(origin JSON)),chaos.json,$(JSON))
 

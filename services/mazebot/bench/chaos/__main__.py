@@ -21,6 +21,7 @@ from mazebot.bench.chaos.stacks import ContainerStack, LinkedStack, ProcessStack
 from mazebot.bench.chaos.summary import Row, met, rows_of
 from mazebot.bench.chaos.trial import Trial
 from mazebot.bench.chaos.witness import Witness
+from mazebot.common.bus.session import BusUnavailableError
 from mazebot.common.config import ConfigError, fail
 from mazebot.common.node.node import random_generator
 
@@ -44,7 +45,7 @@ def main(arguments: Sequence[str]) -> int:
         stack = _stack(options, Path(name))
         try:
             trials, broken = _run(stack, order, options)
-        except ConfigError as error:
+        except (BusUnavailableError, ConfigError) as error:
             fail(str(error))
     rows = rows_of(faults, trials)
     Console(width=150).print(_table(rows))
@@ -115,7 +116,9 @@ def _stack(options: argparse.Namespace, folder: Path) -> Stack:
 def _run(
     stack: Stack, order: Sequence[Fault], options: argparse.Namespace
 ) -> tuple[list[Trial], list[str]]:
-    """All trials, and what is wrong with the recordings. Raises ConfigError."""
+    """All trials, and what is wrong with the recordings. Raises ConfigError and
+    BusUnavailableError.
+    """
     _say("starting the stack")
 
     def tell(trial: Trial) -> None:
