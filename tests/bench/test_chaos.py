@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -15,6 +17,7 @@ from mazebot.bench.chaos.plots import write_plot
 from mazebot.bench.chaos.recordings import faults_of_recordings
 from mazebot.bench.chaos.summary import met, rows_of
 from mazebot.bench.chaos.trial import Trial
+from tests.cli.stack.running import wait_until
 
 
 def trials_of(tmp_path: Path, *options: str) -> list[dict[str, object]]:
@@ -37,6 +40,17 @@ def trials_of(tmp_path: Path, *options: str) -> list[dict[str, object]]:
     return list(found["trials"])
 
 
+def services_in(folder: Path) -> list[Path]:
+    """The processes that have a setting with this folder in it: those of a stack there."""
+    found = []
+    for environment in Path("/proc").glob("[0-9]*/environ"):
+        # Some are of other users, some are over.
+        with contextlib.suppress(OSError):
+            if f"MAZEBOT_RECORDER_RECORDINGS_DIR={folder}".encode() in environment.read_bytes():
+                found.append(environment)
+    return found
+
+
 @pytest.mark.slow
 @pytest.mark.xdist_group("real_time")
 @pytest.mark.timeout(900)
@@ -53,6 +67,22 @@ def test_an_exploration_goes_on_with_its_map_after_faults(tmp_path: Path) -> Non
     trials = trials_of(tmp_path, "--explore", *(f"--fault={one}" for one in faults))
     assert sorted(str(trial["fault"]) for trial in trials) == sorted(faults)
     assert all(trial["seen_m2"] for trial in trials)
+
+
+@pytest.mark.slow
+@pytest.mark.xdist_group("real_time")
+@pytest.mark.timeout(300)
+def test_one_that_is_told_to_end_ends_its_stack_and_says_no_more(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "mazebot.bench.chaos", "--fault", "kill-recorder"]
+    with subprocess.Popen(
+        command, stderr=subprocess.PIPE, text=True, env=os.environ | {"TMPDIR": str(tmp_path)}
+    ) as run:
+        wait_until(lambda: services_in(tmp_path), 200.0)
+        run.send_signal(signal.SIGTERM)
+        assert run.stderr is not None
+        assert run.stderr.read() == "starting the stack\n"
+    assert run.returncode == 130
+    wait_until(lambda: not services_in(tmp_path), 30.0)
 
 
 def test_an_unknown_fault_is_one_line(tmp_path: Path) -> None:

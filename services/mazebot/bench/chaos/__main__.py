@@ -21,6 +21,7 @@ from mazebot.bench.chaos.stacks import ContainerStack, LinkedStack, ProcessStack
 from mazebot.bench.chaos.summary import Row, met, rows_of
 from mazebot.bench.chaos.trial import Trial
 from mazebot.bench.chaos.witness import Witness
+from mazebot.bench.ending import run
 from mazebot.common.bus.session import BusUnavailableError
 from mazebot.common.config import ConfigError, fail
 from mazebot.common.node.node import random_generator
@@ -153,4 +154,4 @@ def _table(rows: Sequence[Row]) -> Table:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    run(main)

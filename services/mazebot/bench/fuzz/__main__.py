@@ -10,6 +10,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
+from mazebot.bench.ending import run
 from mazebot.bench.fuzz.decoders import (
     MEMORY_MB,
     Report,
@@ -110,4 +111,4 @@ def _told(reports: Sequence[Report], live: LiveReport, grown_mb: float, folder: 
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    run(main)
