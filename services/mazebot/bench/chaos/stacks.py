@@ -269,10 +269,11 @@ class ContainerStack(Stack):
                 link.symlink_to(ROOT / name)
             link.mkdir(exist_ok=True)
         self._compose("--profile", self._profile, "up", "--detach", "router", *self.services)
+        key_file = file_of(self.folder / "keys", OPERATOR)
         end_s = time.monotonic() + _COMMAND_S
-        while self.bus().key_file is not None and not self.bus().key_file.exists():
+        while not key_file.exists():
             if time.monotonic() > end_s:
-                raise ConfigError(f"{self.bus().key_file}: the router has made no key")
+                raise ConfigError(f"{key_file}: the router has made no key")
             time.sleep(0.1)
 
     def stop(self) -> None:
