@@ -8,6 +8,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -20,7 +21,7 @@ from mazebot.common.bus.liveliness import alive, watch_sources
 from mazebot.common.bus.lockstep import HeldInbox, Turn
 from mazebot.common.bus.publisher import publish
 from mazebot.common.bus.seats import give_turn, watch_seats
-from mazebot.common.bus.serve import _Service
+from mazebot.common.bus.serve import LOG_AGAIN_S, _Service
 from mazebot.common.bus.session import open_session
 from mazebot.common.bus.subscriber import subscribe
 from mazebot.common.config import ConfigError, ServiceConfig
@@ -92,6 +93,25 @@ def test_a_service_waits_for_the_router_and_says_so_and_comes_up_when_it_does() 
         with running_router(port):
             read_until(process, "connected")
             assert "a world" in read_until(process, "waiting for")
+
+
+def test_a_service_that_waits_for_its_key_leaves_the_processor_to_who_makes_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MAZEBOT_BUS_KEY_FILE", str(tmp_path / "own.key"))
+    with service("spawner", f"tcp/127.0.0.1:{free_port()}") as process:
+        read_until(process, "waiting for the bus: ")
+        before_s = processor_s(process.pid)
+        read_until(process, "waiting for the bus: ")
+        used_s = processor_s(process.pid) - before_s
+    # Of the two seconds between two such lines.
+    assert used_s < 0.5 * LOG_AGAIN_S
+
+
+def processor_s(process: int) -> float:
+    """What a process has used of a processor."""
+    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def test_a_service_announces_itself_answers_and_leaves_on_sigterm(endpoint: str) -> None:

@@ -52,6 +52,10 @@ and is restarted.
 """
 LOG_AGAIN_S = 2.0
 IDLE_S = 0.01
+RETRY_S = 0.1
+"""Between two looks for the router, as Zenoh itself makes: a key that is not there yet is found
+missing at once.
+"""
 RESTING_NS = 33_000_000
 """Permitted delay of steps while nothing moves and no message arrives: each wake-up costs as much
 as several steps.
@@ -163,6 +167,7 @@ class _Service:
                 return open_session(self._bus_config)
             except BusUnavailableError as error:
                 self._log_waiting(f"the bus: {error}")
+                self._stop.wait(RETRY_S)
         return None
 
     def _begin(self, bus: Bus, outbox: Outbox) -> None:
