@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from typing import Any
 
 import pytest
 
 from mazebot.common.client.reconnecting import ReconnectingRobot
-from mazebot.common.client.robot import NO_STACK, Robot, RobotError
-from mazebot.common.messages.topics import GET_ENTITIES, WORLD
+from mazebot.common.client.robot import NO_STACK, Receive, Robot, RobotError, ignore
+from mazebot.common.messages.topics import GET_ENTITIES, WORLD, Topic
 from tests.common.client.fake_robot import FakeRobot
 
 
@@ -51,3 +52,24 @@ def test_a_watch_lasts_over_restarts_of_the_stack(monkeypatch: pytest.MonkeyPatc
         # Nobody watches: the connection is closed.
         wait_until(lambda: stacks[-1].is_closed)
     assert stacks[-1].watches == []
+
+
+def test_who_hears_something_may_ask_for_something() -> None:
+    class Latched(FakeRobot):
+        """What it has comes with the subscription."""
+
+        def watch(self, topics: Iterable[Topic[Any]], receive: Receive = ignore) -> Any:
+            end = super().watch(topics, receive)
+            self.send(WORLD, 1)
+            return end
+
+    asked: list[object] = []
+    stack = Latched()
+    with ReconnectingRobot(lambda: stack) as robot:
+
+        def receive(*_: object) -> None:
+            robot.ask(GET_ENTITIES, GET_ENTITIES.request(), 1.0)
+            asked.append(1)
+
+        robot.watch((WORLD,), receive)
+        wait_until(lambda: bool(asked))

@@ -74,7 +74,8 @@ class ReconnectingRobot(Robot):
 
     def alive(self) -> Mapping[str, frozenset[str]]:
         """See Robot: as last checked, up to 0.5 s ago."""
-        return self._alive
+        with self._lock:
+            return self._alive
 
     def now_ns(self) -> int:
         """See Robot."""
@@ -108,19 +109,19 @@ class ReconnectingRobot(Robot):
         self._disconnect()
 
     def _check(self) -> None:
-        robot = self._robot
+        robot, is_new = self._robot, False
         if robot is None:
             try:
-                robot = self._connect()
+                robot, is_new = self._connect(), True
             except RobotError:
                 return
-            with self._lock:
-                self._robot = robot
-                for watch in self._watches:
-                    watch.ends.callback(robot.watch(watch.topics, watch.receive))
         alive = robot.alive()
-        has_ended = bool(self._alive) and not alive
-        self._alive = alive
+        with self._lock:
+            has_ended = bool(self._alive) and not alive
+            # First: who hears something of a stack may ask it for something.
+            self._robot, self._alive = robot, alive
+            for watch in self._watches if is_new else ():
+                watch.ends.callback(robot.watch(watch.topics, watch.receive))
         if has_ended:
             # What a stack that starts later has latched comes with new subscriptions.
             self._disconnect()
