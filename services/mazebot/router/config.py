@@ -41,15 +41,15 @@ class RouterConfig(ServiceConfig):
         "people the grader alone",
     )
 
-    @model_validator(mode="after")
-    def _can_encrypt(self) -> Self:
-        if self.listen.startswith(TLS) and self.keys_dir is None:
-            raise ValueError(f"listen: {self.listen}: with tls/, keys_dir must be a folder of keys")
-        return self
-
     silence_s: float = Field(
         6.0,
         ge=1.0,
         le=3600.0,
         description="wall time without a response after which the router exits, to be restarted",
     )
+
+    @model_validator(mode="after")
+    def _can_encrypt(self) -> Self:
+        if self.listen.startswith(TLS) and self.keys_dir is None:
+            raise ValueError(f"listen: {self.listen}: with tls/, keys_dir must be a folder of keys")
+        return self

@@ -122,15 +122,16 @@ class Witness:
 
         Raises ConfigError where it cannot in this time.
         """
-        session = open_session(self._bus("bringup"), _SESSION_S)
-        token = session.liveliness().declare_token(alive_key("bringup", self._source))
-        publisher = publish(session, WORLD_REQUEST)
-        self.navigation = None
-        self._say(publisher, WORLD_REQUEST, self._request)
-        self.wait(lambda: self.is_active and self.world is not None, timeout_s, "an active robot")
-        token.undeclare()  # type: ignore[no-untyped-call]
-        publisher.undeclare()
-        session.close()  # type: ignore[no-untyped-call]
+        with open_session(self._bus("bringup"), _SESSION_S) as session:
+            token = session.liveliness().declare_token(alive_key("bringup", self._source))
+            publisher = publish(session, WORLD_REQUEST)
+            self.navigation = None
+            self._say(publisher, WORLD_REQUEST, self._request)
+            self.wait(
+                lambda: self.is_active and self.world is not None, timeout_s, "an active robot"
+            )
+            token.undeclare()  # type: ignore[no-untyped-call]
+            publisher.undeclare()
 
     def reset(self) -> None:
         """Put everything back to the start. Raises ConfigError where it is refused."""

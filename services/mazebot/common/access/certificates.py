@@ -44,15 +44,8 @@ class Authority:
         """One of which nobody has anything yet."""
         key = ec.generate_private_key(ec.SECP256R1())
         name = _named("mazebot")
-        begin = datetime.datetime.now(datetime.UTC) - _CLOCKS_DIFFER
         certificate = (
-            x509.CertificateBuilder()
-            .subject_name(name)
-            .issuer_name(name)
-            .public_key(key.public_key())
-            .serial_number(x509.random_serial_number())
-            .not_valid_before(begin)
-            .not_valid_after(begin + _AUTHORITY_LASTS)
+            _begun(name, name, key, _AUTHORITY_LASTS)
             .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
             .add_extension(_usage(signs=True), critical=True)
             .add_extension(x509.SubjectKeyIdentifier.from_public_key(key.public_key()), False)
@@ -78,20 +71,14 @@ class Authority:
     def issue(self, name: str, hosts: Iterable[str] = ()) -> Certificate:
         """A certificate for an identity; a server also has its names and addresses in it."""
         key = ec.generate_private_key(ec.SECP256R1())
-        begin = datetime.datetime.now(datetime.UTC) - _CLOCKS_DIFFER
         hosts = list(hosts)
         purposes = [ExtendedKeyUsageOID.CLIENT_AUTH]
         if hosts:
             purposes.append(ExtendedKeyUsageOID.SERVER_AUTH)
         authority = self._certificate.extensions.get_extension_for_class(x509.SubjectKeyIdentifier)
+        left = self._certificate.not_valid_after_utc - datetime.datetime.now(datetime.UTC)
         certificate = (
-            x509.CertificateBuilder()
-            .subject_name(_named(name))
-            .issuer_name(self._certificate.subject)
-            .public_key(key.public_key())
-            .serial_number(x509.random_serial_number())
-            .not_valid_before(begin)
-            .not_valid_after(min(begin + LASTS, self._certificate.not_valid_after_utc))
+            _begun(_named(name), self._certificate.subject, key, min(LASTS, left))
             .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
             .add_extension(_usage(signs=False), critical=True)
             .add_extension(x509.ExtendedKeyUsage(purposes), False)
@@ -119,6 +106,24 @@ class Authority:
         wanted = {_host(host) for host in hosts}
         soon = datetime.datetime.now(datetime.UTC) + RENEWED_BEFORE
         return found.not_valid_after_utc > soon and (not wanted or set(names) == wanted)
+
+
+def _begun(
+    subject: x509.Name,
+    issuer: x509.Name,
+    key: ec.EllipticCurvePrivateKey,
+    lasts: datetime.timedelta,
+) -> x509.CertificateBuilder:
+    begin = datetime.datetime.now(datetime.UTC) - _CLOCKS_DIFFER
+    return (
+        x509.CertificateBuilder()
+        .subject_name(subject)
+        .issuer_name(issuer)
+        .public_key(key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(begin)
+        .not_valid_after(begin + lasts)
+    )
 
 
 def _named(name: str) -> x509.Name:
