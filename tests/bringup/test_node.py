@@ -184,6 +184,27 @@ def test_a_reset_after_the_tour_begins_it_anew(
     drive_again(stage, goals_before)
 
 
+def test_another_world_in_the_place_of_its_own_ends_the_run(
+    stage: Stage, caplog: pytest.LogCaptureFixture
+) -> None:
+    stage.bring_up()
+    stage.answer()
+    other = WORLD.model_copy(update={"name": "hall", "hash": "f" * 16})
+    stage.say(table.WORLD, other)
+    # Time begins anew, or goes on: neither is a reset of the tour's world.
+    stage.now_ns = 0
+    stage.step()
+    assert stage.node.exit_code == EXIT_NOT_REACHED
+    assert caplog.records[-1].getMessage().startswith("world hall runs in the place of tiny")
+    goals_before = len(stage.goals())
+    stage.step(50)
+    assert len(stage.goals()) == goals_before
+    stage.say(table.WORLD, WORLD)
+    stage.now_ns = 0
+    stage.step()
+    assert stage.node.exit_code is None
+
+
 def test_a_reset_without_a_tour_begins_none(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO)
     stage = Stage(BringupConfig(world_name="tiny", only_ask=True))

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 import zenoh
@@ -19,20 +20,33 @@ from mazebot.common.bus.liveliness import alive_key
 from mazebot.common.bus.publisher import publish
 from mazebot.common.bus.query import QueryError, ask
 from mazebot.common.bus.session import open_session
+from mazebot.common.messages.action_documents import Empty
 from mazebot.common.messages.documents import Entities, SimulationControl
-from mazebot.common.messages.topics import DESIRED_ENTITIES, SIMULATION_CONTROL, WORLD
+from mazebot.common.messages.topics import (
+    DESIRED_ENTITIES,
+    GET_WORLDS,
+    SIMULATION_CONTROL,
+    WORLD,
+)
 from mazebot.common.messages.wire import encode
 from tests.cli.test_app import assert_one_line, mazebot
 from tests.common.bus.from_outside import wait_until_alive
 from tests.physics.driver import world
+from tests.worldgen import folder
 
 DEADLINE_S = 30.0
 
 
 @contextmanager
 def physics(endpoint: str) -> Iterator[subprocess.Popen[bytes]]:
+    with service("physics", endpoint, "--camera-enabled", "false") as process:
+        yield process
+
+
+@contextmanager
+def service(name: str, endpoint: str, *options: str) -> Iterator[subprocess.Popen[bytes]]:
     process = subprocess.Popen(
-        [sys.executable, "-m", "mazebot.physics", "--camera-enabled", "false"],
+        [sys.executable, "-m", f"mazebot.{name}", *options],
         env={**os.environ, "MAZEBOT_BUS_CONNECT": endpoint},
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
@@ -101,6 +115,40 @@ def test_a_simulation_is_controlled_from_the_command_line(
         _cut_short(opened, endpoint)
         _ended(opened, endpoint, process)
         del publishers
+
+
+def test_another_world_is_loaded_and_stays_when_worldgen_is_killed(
+    session: tuple[zenoh.Session, str], tmp_path: Path
+) -> None:
+    opened, endpoint = session
+    folder.make(tmp_path)
+    hall = folder.room()
+    hall["name"] = "hall"
+    hall["wall_height_m"] = 2.0
+    folder.write(tmp_path, "hall", hall)
+    options = "--worlds-dir", str(tmp_path)
+    with physics(endpoint), service("spawner", endpoint):
+        with service("worldgen", endpoint, *options):
+            assert wait_until_alive(opened, "worldgen", DEADLINE_S)
+            assert wait_until_alive(opened, "physics", DEADLINE_S)
+            assert wait_until_alive(opened, "spawner", DEADLINE_S)
+            room = said(endpoint, "load-world", "room")
+            assert re.fullmatch(r"room \([0-9a-f]{16}\) is running", room)
+            hall_said = said(endpoint, "load-world", "hall")
+            assert said(endpoint, "load-world", "hall") == hall_said.replace("is", "was", 1) + (
+                " already"
+            )
+            assert_one_line(sim(endpoint, "load-world", "cellar"), "'cellar'", "hall, room")
+            assert_one_line(
+                sim(endpoint, "load-world", "room", "--set", "wall_hight=2"), "wall_hight"
+            )
+        running = json.loads(said(endpoint, "stats", "--json"))["world_hash"]
+        assert running in hall_said
+        with service("worldgen", endpoint, *options):
+            end_s = time.monotonic() + DEADLINE_S
+            while (found := ask(opened, GET_WORLDS, Empty(), DEADLINE_S)).running != "hall":
+                assert time.monotonic() < end_s, found
+            assert json.loads(said(endpoint, "stats", "--json"))["world_hash"] == running
 
 
 def _steps(endpoint: str) -> None:

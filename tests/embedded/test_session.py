@@ -1,17 +1,21 @@
 """A program that leads a simulation: time, reset, seed, goals, and what it is told."""
 
+import json
 import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+import yaml
 
 from mazebot.common.config import ConfigError
 from mazebot.common.messages import messages as msg
+from mazebot.common.messages.action_documents import LoadWorld
 from mazebot.common.messages.documents import BodyEntity, Box, NavigationStatus, Shape
 from mazebot.common.messages.topics import (
     AMCL_POSE,
     CMD_VEL,
+    LOAD_WORLD,
     NAVIGATION_RESULT,
     NAVIGATION_STATUS,
     ODOM,
@@ -205,6 +209,32 @@ def test_fields_of_physics_are_given_by_name(worlds_dir: Path) -> None:
 def test_fields_of_physics_win_over_what_the_session_says_otherwise(worlds_dir: Path) -> None:
     with Session("room", worlds_dir=worlds_dir, renderer="tiny") as session:
         assert session.stats.renderer == "tiny_renderer"
+
+
+def test_another_world_is_loaded_and_driven_in(worlds_dir: Path, tmp_path: Path) -> None:
+    hall = folder.room()
+    hall["name"] = "hall"
+    hall["wall_height_m"] = 2.0
+    folder.write(worlds_dir, "hall", hall)
+    run = tmp_path / "run"
+    with Session("room", camera=False, worlds_dir=worlds_dir, out_dir=run) as session:
+        first = session.stats.world_hash
+        with session.watching(NAVIGATION_RESULT) as results:
+            with pytest.raises(TimeoutError):
+                session.goal(0.6, 0.0, timeout_s=1.0)
+            reply = session.ask(LOAD_WORLD, LoadWorld(world_name="hall"))
+            session.run_for(1.0)
+        assert (reply.world_name, reply.is_new, reply.error) == ("hall", True, "")
+        assert [result.error_code for result in results] == [WORLD_RESTARTED]
+        assert session.stats.world_hash == reply.world_hash != first
+        assert math.hypot(*session.ground_truth()[:2]) < 0.01
+        assert session.goal(0.6, 0.0, 0.5).error_code == 0
+    runs = [run, run.with_name("run_2")]
+    told = [yaml.safe_load((one / "config.yaml").read_text()) for one in runs]
+    assert [one["world_hash"] for one in told] == [first, reply.world_hash]
+    assert [one["world_request"]["world_name"] for one in told] == ["room", "hall"]
+    summaries = [json.loads((one / "summary.json").read_text()) for one in runs]
+    assert [len(summary["goals"]) for summary in summaries] == [0, 1]
 
 
 def test_a_thing_is_put_moved_and_taken_away(session: Session) -> None:

@@ -11,10 +11,25 @@ import yaml
 from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import SE2, pose_matrix
 from mazebot.common.messages import wire
+from mazebot.common.messages.action_documents import (
+    Empty,
+    GetWorldsReply,
+    LoadWorld,
+    LoadWorldReply,
+)
 from mazebot.common.messages.documents import MappedMarker, World, WorldRequest, WorldStatus
 from mazebot.common.messages.messages import OccupancyGrid, cells_from_grid, se2_from_pose
 from mazebot.common.messages.slam_documents import GraphLandmark
-from mazebot.common.messages.topics import ASSETS, MAP, WORLD, WORLD_REQUEST, WORLD_STATUS, Topic
+from mazebot.common.messages.topics import (
+    ASSETS,
+    GET_WORLDS,
+    LOAD_WORLD,
+    MAP,
+    WORLD,
+    WORLD_REQUEST,
+    WORLD_STATUS,
+    Topic,
+)
 from mazebot.common.node.node import Envelope, Inbox, Outbox
 from mazebot.common.problems import WorldError
 from mazebot.common.world.map_files import write_map
@@ -58,6 +73,33 @@ class Bench:
         assert isinstance(answer, WorldStatus)
         assert answer.request == request
         return answer
+
+    def load(self, world_name: str, **options: object) -> LoadWorldReply:
+        """Load a world in the place of the one that runs; `sent` holds what came with it."""
+        self.sent.clear()
+        replies: list[LoadWorldReply] = []
+        wanted = LoadWorld(world_name=world_name, **options)  # type: ignore[arg-type]
+        self.inbox.ask(LOAD_WORLD, wanted, replies.append)
+        self.node.step(0, self.inbox, self._outbox)
+        (reply,) = replies
+        return reply
+
+    def worlds(self) -> GetWorldsReply:
+        """What there is."""
+        replies: list[GetWorldsReply] = []
+        self.inbox.ask(GET_WORLDS, Empty(), replies.append)
+        self.node.step(0, self.inbox, self._outbox)
+        (reply,) = replies
+        return reply
+
+    def after(self, before: Bench) -> Bench:
+        """Started again, with the last word of the process before, as others have kept it."""
+        (status,) = [message for topic, message, _ in before.sent if topic is WORLD_STATUS][-1:]
+        self.inbox.deliver(WORLD_STATUS, status, Envelope("worldgen", 0, 0, ""))
+        request = WorldRequest(world_name="room")
+        self.inbox.deliver(WORLD_REQUEST, request, Envelope("bringup", 0, 0, ""))
+        self.node.step(0, self.inbox, self._outbox)
+        return self
 
 
 @pytest.fixture
@@ -123,10 +165,85 @@ def test_another_world_is_refused_and_the_first_stays(bench: Bench) -> None:
         assert status.world_hash == running == bench.node.world_hash
         assert status.error.startswith(f"world_name: '{name}' (4 walls, ")
         assert "must be the world that is running, 'room' (4 walls, 1 markers" in status.error
-        assert status.error.endswith("stop that one first (docker compose down)")
+        assert "stop that one first (docker compose down)" in status.error
+        assert status.error.endswith(f"(mazebot sim load-world {name})")
         assert "\n" not in status.error
         assert [topic for topic, _, _ in bench.sent] == [WORLD_STATUS]
     assert bench.ask("room").error == ""
+
+
+def test_a_world_is_loaded_in_the_place_of_another(bench: Bench, tmp_path: Path) -> None:
+    first = bench.ask("room", slam=True)
+    reply = bench.load("hall", overrides=("wall_height=3",))
+    (world,) = [message for topic, message, _ in bench.sent if topic is WORLD]
+    assert isinstance(world, World)
+    assert {wall.height_m for wall in world.walls} == {3.0}
+    # The robot makes its map as before.
+    assert (world.slam, world.explore) == (True, True)
+    assert MAP not in [topic for topic, _, _ in bench.sent]
+    assert reply == LoadWorldReply(world_name="hall", world_hash=world.hash, is_new=True)
+    assert reply.world_hash == bench.node.world_hash != first.world_hash
+    assert bench.worlds() == GetWorldsReply(
+        names=("hall", "room"), running="hall", running_hash=world.hash
+    )
+    assert bench.ask("hall", overrides=("wall_height=3",), slam=True).error == ""
+    assert "must be the world that is running, 'hall'" in bench.ask("room", slam=True).error
+
+
+def test_a_world_that_cannot_be_loaded_leaves_the_one_that_runs(bench: Bench) -> None:
+    running = bench.ask("room").world_hash
+    for name, overrides, said in (
+        ("cellar", (), "world_name: 'cellar': must be one of hall, room"),
+        ("hall", ("wall_hight=2",), "override wall_hight=2: wall_hight: unknown field"),
+    ):
+        reply = bench.load(name, overrides=overrides)
+        assert reply.error.startswith(said)
+        assert (reply.world_name, reply.world_hash, reply.is_new) == ("room", running, False)
+        assert bench.sent == []
+    same = bench.load("room")
+    assert same == LoadWorldReply(world_name="room", world_hash=running)
+    assert bench.sent == []
+
+
+def test_a_world_is_loaded_where_none_runs_yet(bench: Bench) -> None:
+    assert bench.worlds() == GetWorldsReply(names=("hall", "room"))
+    assert bench.load("hall").is_new
+    assert [topic for topic, _, _ in bench.sent] == [ASSETS, WORLD, MAP, WORLD_STATUS]
+
+
+def test_a_map_of_the_world_that_runs_does_not_become_one_of_another(tmp_path: Path) -> None:
+    folder.make(tmp_path)
+    bench = Bench(WorldgenConfig(worlds_dir=tmp_path, map_file=saved_map(tmp_path)))
+    bench.ask("room")
+    error = bench.load("room", use_aruco=False).error
+    assert error.startswith(f"map_file: {tmp_path / 'map.yaml'}: is of the world that is running")
+
+
+def test_a_worldgen_that_is_started_again_goes_on_with_the_world_that_was_loaded(
+    bench: Bench, tmp_path: Path
+) -> None:
+    bench.ask("room")
+    loaded = bench.load("hall").world_hash
+    again = Bench(WorldgenConfig(worlds_dir=tmp_path)).after(bench)
+    assert again.node.world_hash == loaded
+    statuses = [message for topic, message, _ in again.sent if topic is WORLD_STATUS]
+    # The request that the process before has answered is not refused now.
+    assert [status.error for status in statuses] == [""]  # type: ignore[attr-defined]
+    assert statuses[-1].world_hash == loaded  # type: ignore[attr-defined]
+    third = Bench(WorldgenConfig(worlds_dir=tmp_path)).after(again)
+    assert third.node.world_hash == loaded
+
+
+def test_a_world_that_is_gone_when_worldgen_is_started_again_is_told(
+    bench: Bench, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    bench.ask("room")
+    bench.load("hall")
+    (tmp_path / "hall.yaml").unlink()
+    again = Bench(WorldgenConfig(worlds_dir=tmp_path)).after(bench)
+    assert "cannot be loaded again: world_name: 'hall': must be one of room" in caplog.text
+    # What was requested first runs then.
+    assert again.worlds().running == "room"
 
 
 def test_a_mistake_is_answered_and_logged_and_a_right_request_still_met(

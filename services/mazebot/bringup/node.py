@@ -140,7 +140,7 @@ class BringupNode(Node):
             self._restart()
         self._now_ns = now_ns
         self._listen(now_ns, inbox)
-        if self.exit_code is not None or self._world is None:
+        if self._is_replaced() or self.exit_code is not None or self._world is None:
             return
         if not self._config.drive:
             # Time passes only in a world that is loaded.
@@ -231,6 +231,16 @@ class BringupNode(Node):
         for exploration in inbox.new(EXPLORATION_STATUS):
             if self._request.explores and not self._restarted:
                 self._exploration = exploration
+
+    def _is_replaced(self) -> bool:
+        """Whether another world runs in the place of this run's: its tour has no place in it."""
+        world, offered = self._world, self._offered
+        if world is None or offered is None or offered.hash == self.world_hash:
+            return False
+        if self.exit_code is None:
+            _LOG.error("world %s runs in the place of %s: the run ends", offered.name, world.name)
+            self.exit_code = EXIT_NOT_REACHED
+        return True
 
     def _enter(self, world: World, grid: msg.OccupancyGrid | None) -> None:
         try:

@@ -1,4 +1,6 @@
-"""`mazebot sim`: pause, resume, step, reset, and the state of a running stack's simulation."""
+"""`mazebot sim`: pause, resume, step, reset, another world, and the state of a running stack's
+simulation.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +12,7 @@ import typer
 from pydantic import ValidationError
 
 from mazebot.cli.parsing.command import App
+from mazebot.cli.parsing.completion import world_names
 from mazebot.cli.parsing.options import ROUTER, Connect, Json, print_json
 from mazebot.common.config import ConfigError, one_line
 from mazebot.common.messages.documents import SimulationControl, SimulationStats
@@ -30,7 +33,10 @@ RATES_PATIENCE_S = 0.5
 PAUSED = "the simulation is paused: resume it with `mazebot sim resume`"
 SPEEDS = {"real_time": 1.0, "fast": 0.0}
 
-app = App(help="Control the time of a running stack's simulation.")
+LOADED_WITHIN_S = 60.0
+"""Time for the simulator to build a world that was loaded."""
+
+app = App(help="Control a running stack's simulation: its time, and its world.")
 
 
 @app.command()
@@ -88,6 +94,49 @@ def speed(
 ) -> None:
     """Set the speed of simulation time; 0 is as fast as possible."""
     _control(connect, as_json, speed=SPEEDS.get(factor, factor))
+
+
+@app.command("load-world")
+def load_world(
+    world: Annotated[str, typer.Argument(help="a world's name", autocompletion=world_names)],
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="field=value, overrides the recipe's, e.g. wall_height_m=2.5"),
+    ] = None,
+    use_aruco: Annotated[
+        bool, typer.Option("--aruco/--no-aruco", help="with the recipe's ArUco markers")
+    ] = True,
+    as_json: Json = False,
+    connect: Connect = ROUTER,
+) -> None:
+    """Load another world in place of the one that is running: goals end, a new recording begins."""
+    from mazebot.common.client.over_zenoh import ZenohRobot  # noqa: PLC0415 - loads Zenoh
+    from mazebot.common.client.subscription import Subscription  # noqa: PLC0415
+    from mazebot.common.messages.action_documents import LoadWorld  # noqa: PLC0415
+    from mazebot.common.messages.topics import LOAD_WORLD, SIMULATION_STATS  # noqa: PLC0415
+
+    wanted = LoadWorld(
+        world_name=world, use_aruco=use_aruco, overrides=tuple(overrides or ())
+    )
+    with ZenohRobot(connect) as robot, Subscription(robot, SIMULATION_STATS) as stats_sent:
+        reply = robot.ask(LOAD_WORLD, wanted, LOADED_WITHIN_S)
+        if reply.error:
+            raise ConfigError(f"sim load-world: {reply.error}")
+        end_s = time.monotonic() + LOADED_WITHIN_S
+        while True:
+            _, now = stats_sent.next(max(0.0, end_s - time.monotonic())) or (None, None)
+            if now is None:
+                raise ConfigError(
+                    f"sim load-world: {reply.world_name}: physics does not run it after "
+                    f"{LOADED_WITHIN_S:g} s: see its log"
+                )
+            if now.world_hash == reply.world_hash:
+                break
+    if as_json:
+        print_json(reply.model_dump(mode="json"))
+    else:
+        state = "is running" if reply.is_new else "was running already"
+        sys.stdout.write(f"{reply.world_name} ({reply.world_hash}) {state}\n")
 
 
 @app.command()

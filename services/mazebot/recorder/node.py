@@ -363,6 +363,11 @@ class RecorderNode(Node):
         elif topic is WORLD_REQUEST and message != self._request:
             self._request = message
             self._write_config()
+        elif topic is WORLD_STATUS and message.running not in (None, self._request):
+            # It was loaded in the place of the one that had been requested.
+            self._request = message.running
+            if self._run is not None and self._run.world.hash == message.world_hash:
+                self._write_config()
         elif topic is PARAMETERS and self._parameters.get(message.service) != message:
             self._parameters[message.service] = message
             self._write_config()

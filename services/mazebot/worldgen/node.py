@@ -6,10 +6,25 @@ import logging
 from collections.abc import Callable
 from pathlib import Path
 
-from mazebot.common.messages.action_documents import LoadMap, LoadMapReply
+from mazebot.common.messages.action_documents import (
+    GetWorldsReply,
+    LoadMap,
+    LoadMapReply,
+    LoadWorld,
+    LoadWorldReply,
+)
 from mazebot.common.messages.documents import MappedMarker, WorldRequest, WorldStatus
 from mazebot.common.messages.messages import occupancy_grid
-from mazebot.common.messages.topics import ASSETS, LOAD_MAP, MAP, WORLD, WORLD_REQUEST, WORLD_STATUS
+from mazebot.common.messages.topics import (
+    ASSETS,
+    GET_WORLDS,
+    LOAD_MAP,
+    LOAD_WORLD,
+    MAP,
+    WORLD,
+    WORLD_REQUEST,
+    WORLD_STATUS,
+)
 from mazebot.common.node.node import Inbox, Node, Outbox
 from mazebot.common.problems import WorldError
 from mazebot.common.ros.map_exchange import MapDataError, map_of_document
@@ -19,6 +34,7 @@ from mazebot.common.world.marker_file import marker_file_of, read_markers
 from mazebot.worldgen.config import WorldgenConfig
 from mazebot.worldgen.recipe.loaded_world import LoadedWorld
 from mazebot.worldgen.recipe.loader import load_world
+from mazebot.worldgen.recipe.sources import full_name, known_worlds
 
 Load = Callable[[str, bool, Path, Path | None, tuple[str, ...]], LoadedWorld]
 
@@ -26,7 +42,9 @@ _log = logging.getLogger("worldgen")
 
 
 class WorldgenNode(Node):
-    """Loads the first requested world, and keeps it: requests for another one are refused."""
+    """Loads the first requested world, and keeps it until it is told to load another one in its
+    place: further requests for another one are refused.
+    """
 
     name = "worldgen"
     _config: WorldgenConfig
@@ -41,18 +59,58 @@ class WorldgenNode(Node):
         self._running: LoadedWorld | None = None
         self._mode = WorldRequest(world_name="")
         """The request of the world that runs."""
+        self._answered = ""
+        """Who sent the last request that was answered."""
+        self._before: WorldStatus | None = None
+        """The last word of the process before this one,"""
+        self._resumed = False
+        """and whether its world was taken up, or there was none."""
         self._error = ""
 
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
         """Process each request."""
-        for request in inbox.new(WORLD_REQUEST):
+        if not self._resumed:
+            self._before = inbox.latest(WORLD_STATUS) or self._before
+            if not inbox.is_handed_over:
+                return
+            self._resumed = True
+            self._resume(outbox)
+        for request, envelope in inbox.arrivals(WORLD_REQUEST):
+            if self._before is not None and envelope.source == self._before.answered:
+                # The process before this one did, and another world may run since.
+                continue
             self._error = self._answer(request, outbox)
+            self._answered = envelope.source
             if self._error:
                 _log.error("%s", self._error)
-            status = WorldStatus(request=request, world_hash=self.world_hash, error=self._error)
-            outbox.put(WORLD_STATUS, status)
-        for wanted in inbox.requests(LOAD_MAP):
-            wanted.respond(self._load_map(wanted.message, outbox))
+            self._publish_status(request, outbox)
+        for wanted in inbox.requests(LOAD_WORLD):
+            wanted.respond(self._load_world(wanted.message, outbox))
+        for asked in inbox.requests(GET_WORLDS):
+            asked.respond(self._worlds())
+        for map_wanted in inbox.requests(LOAD_MAP):
+            map_wanted.respond(self._load_map(map_wanted.message, outbox))
+
+    def _resume(self, outbox: Outbox) -> None:
+        """Take up the world of the process before this one, if there was one."""
+        before = self._before
+        if before is None or before.running is None:
+            return
+        error = self._answer(before.running, outbox)
+        if error:
+            _log.error("the world that was running cannot be loaded again: %s", error)
+            self._before = None
+            return
+        self._answered = before.answered
+        self._publish_status(before.running, outbox)
+
+    def _publish_status(self, request: WorldRequest, outbox: Outbox) -> None:
+        running = self._mode if self._running is not None else None
+        status = WorldStatus(
+            request=request, world_hash=self.world_hash, error=self._error, running=running,
+            answered=self._answered,
+        )  # fmt: skip
+        outbox.put(WORLD_STATUS, status)
 
     def waiting_for(self) -> str | None:
         """A valid request."""
@@ -61,24 +119,15 @@ class WorldgenNode(Node):
         return f"a valid world request: {self._error}" if self._error else "a world request"
 
     def _answer(self, request: WorldRequest, outbox: Outbox) -> str:
-        config = self._config
         try:
-            loaded = self._load(
-                request.world_name,
-                request.use_aruco,
-                config.worlds_dir,
-                config.texture_base,
-                request.overrides,
-            )
+            loaded = self._loaded(request)
             markers = self._markers_beside_map(loaded)
         except WorldError as error:
             return str(error)
         if request.slam and self._map is not None:
-            return f"slam: {config.map_file}: must be without a map (map_file), or without slam"
+            return f"slam: {self._config.map_file}: must be without a map (map_file), or without slam"
         if self._running is None:
-            self._running, self._mode, self._mapped_markers = loaded, request, markers
-            self.world_hash = loaded.world.hash
-            self._publish(loaded, outbox)
+            self._run(loaded, request, markers, outbox)
             return ""
         running, asked = self._running.world, loaded.world
         if asked.hash == running.hash:
@@ -90,7 +139,67 @@ class WorldgenNode(Node):
             )
         return (
             f"world_name: {asked.name!r} ({_about(loaded)}): must be the world that is running, "
-            f"{running.name!r} ({_about(self._running)}): stop that one first (docker compose down)"
+            f"{running.name!r} ({_about(self._running)}): stop that one first (docker compose "
+            f"down), or put this one in its place (mazebot sim load-world {asked.name})"
+        )
+
+    def _loaded(self, request: WorldRequest) -> LoadedWorld:
+        """Raises WorldError."""
+        config = self._config
+        return self._load(
+            request.world_name,
+            request.use_aruco,
+            config.worlds_dir,
+            config.texture_base,
+            request.overrides,
+        )
+
+    def _run(
+        self,
+        loaded: LoadedWorld,
+        request: WorldRequest,
+        markers: tuple[MappedMarker, ...] | None,
+        outbox: Outbox,
+    ) -> None:
+        self._running, self._mode, self._mapped_markers = loaded, request, markers
+        self.world_hash = loaded.world.hash
+        self._publish(loaded, outbox)
+
+    def _load_world(self, wanted: LoadWorld, outbox: Outbox) -> LoadWorldReply:
+        """Put another world in the place of the one that runs; with or without slam, as it is."""
+        running, map_file = self._running, self._config.map_file
+        try:
+            if running is not None and map_file is not None:
+                raise WorldError(
+                    f"map_file: {map_file}: is of the world that is running: must be left out "
+                    "where worlds are loaded in its place"
+                )
+            name = full_name(wanted.world_name, self._config.worlds_dir)
+            request = self._mode.model_copy(update={**dict(wanted), "world_name": name})
+            loaded = self._loaded(request)
+            markers = self._markers_beside_map(loaded)
+        except WorldError as error:
+            return self._of_running(str(error))
+        if running is not None and loaded.world.hash == running.world.hash:
+            return self._of_running()
+        self._error = ""
+        self._run(loaded, request, markers, outbox)
+        self._publish_status(request, outbox)
+        return self._of_running().model_copy(update={"is_new": True})
+
+    def _of_running(self, error: str = "") -> LoadWorldReply:
+        name = "" if self._running is None else self._running.world.name
+        return LoadWorldReply(world_name=name, world_hash=self.world_hash, error=error)
+
+    def _worlds(self) -> GetWorldsReply:
+        try:
+            names = known_worlds(self._config.worlds_dir)
+        except WorldError as error:
+            _log.error("%s", error)
+            names = []
+        running = self._of_running()
+        return GetWorldsReply(
+            names=tuple(names), running=running.world_name, running_hash=running.world_hash
         )
 
     def _markers_beside_map(self, loaded: LoadedWorld) -> tuple[MappedMarker, ...] | None:

@@ -95,8 +95,8 @@ def topics_page() -> str:
 
 
 def _readers(topic: Topic[Any]) -> str:
-    kept = ", ".join(topic.keepers)
-    return ", ".join(topic.readers) + (f"kept by {kept}" if kept else "")
+    kept = f"kept by {', '.join(topic.keepers)}" if topic.keepers else ""
+    return "; ".join(filter(None, (", ".join(topic.readers), kept)))
 
 
 def _table(rows: Iterable[Iterable[str]]) -> str:

@@ -227,6 +227,33 @@ class LoadMapReply(Document):
     error: str = ""
 
 
+class LoadWorld(Document):
+    """Requests that another world take the place of the one that is running. A robot that makes its
+    map makes one of the new world.
+    """
+
+    world_name: str = Field(description="as in a world request")
+    use_aruco: bool = Field(True, description="as in a world request")
+    overrides: tuple[str, ...] = Field((), description="as in a world request")
+
+
+class LoadWorldReply(Document):
+    """The world that is running now: the new one, or with an error the one before."""
+
+    world_name: str = ""
+    world_hash: str = ""
+    is_new: bool = Field(False, description="false: the same world was running already")
+    error: str = Field("", description="one line: what is wrong, and what is allowed")
+
+
+class GetWorldsReply(Document):
+    """The worlds that there are, and the one that is running."""
+
+    names: tuple[str, ...] = ()
+    running: str = Field("", description="its name; empty: none is running yet")
+    running_hash: str = ""
+
+
 class SaveMap(Document):
     """Requests that the map be written as map_server reads it, in the folder of the run; where the
     robot makes the map, with its pose graph and markers.

@@ -112,7 +112,7 @@ WORLD_REQUEST = Topic(
 )  # fmt: skip
 WORLD_STATUS = Topic(
     "/world/status", doc.WorldStatus, ("worldgen",), ("bringup", "recorder"), _LATCHED,
-    "the result of the request",
+    "the result of the request", returned=True, keepers=("physics",),
 )  # fmt: skip
 ASSETS = Topic(
     "/world/assets", msg.CompressedImage, ("worldgen", "spawner", "physics"),
@@ -430,6 +430,14 @@ SMOOTH_PATH = Query(
 SET_PARAMETERS = Query(
     "/navigation/set_parameters", doc.SetParameters, doc.SetParametersReply, "navigation",
     "set parameters while the robot drives",
+)  # fmt: skip
+LOAD_WORLD = Query(
+    "/world/load", act.LoadWorld, act.LoadWorldReply, "worldgen",
+    "load another world in place of the one that is running",
+)  # fmt: skip
+GET_WORLDS = Query(
+    "/world/list", act.Empty, act.GetWorldsReply, "worldgen",
+    "the names of the worlds, and the one that is running",
 )  # fmt: skip
 LOAD_MAP = Query(
     "/map_server/load_map", act.LoadMap, act.LoadMapReply, "worldgen",

@@ -29,6 +29,7 @@ _WAYPOINTS_GOAL = (
 )
 _WAYPOINTS_FEEDBACK = "---\nuint32 current_waypoint\n"
 _RESULT = "Result result\n"
+_UNSUPPORTED = "bool fail_on_unsupported_element\nbool ignore_missing_or_unsupported_assets\n"
 
 KILTED: Final[dict[str, str]] = {
     "service_msgs/msg/ServiceEventInfo": (
@@ -113,6 +114,15 @@ KILTED: Final[dict[str, str]] = {
     "simulation_interfaces/srv/SetSimulationState": f"SimulationState state\n---\n{_RESULT}",
     "simulation_interfaces/srv/ResetSimulation": f"uint8 scope\n---\n{_RESULT}",
     "simulation_interfaces/srv/StepSimulation": f"uint64 steps\n---\n{_RESULT}",
+    "simulation_interfaces/msg/Resource": "string uri\nstring resource_string\n",
+    "simulation_interfaces/msg/WorldResource": "string name\nResource world_resource\n"
+    "string description\nstring[] tags\n",
+    "simulation_interfaces/srv/LoadWorld": f"string uri\nstring resource_string\n{_UNSUPPORTED}"
+    f"---\n{_RESULT}WorldResource world\n",
+    "simulation_interfaces/srv/GetCurrentWorld": f"---\n{_RESULT}WorldResource world\n",
+    "simulation_interfaces/srv/GetAvailableWorlds": "string[] additional_sources\n"
+    "TagsFilter filter\nbool offline_only\nbool continue_on_error\n---\n"
+    f"{_RESULT}WorldResource[] worlds\n",
 }  # fmt: skip
 
 JAZZY: Final[dict[str, str]] = {
@@ -135,7 +145,8 @@ LYRICAL: Final[dict[str, str]] = {
     **KILTED,
     "nav2_msgs/action/NavigateToPose": KILTED["nav2_msgs/action/NavigateToPose"] + _TRACKING,
     "nav2_msgs/srv/ClearEntireCostmap": f"string[] plugins\n{_CLEARED}",
-    "simulation_interfaces/msg/Resource": "string uri\nstring resource_string\n",
+    "simulation_interfaces/srv/LoadWorld": f"Resource world_resource\n{_UNSUPPORTED}---\n"
+    f"{_RESULT}WorldResource world\n",
     "simulation_interfaces/srv/SpawnEntity": "string name\nbool allow_renaming\n"
     "Resource entity_resource\nstring entity_namespace\ngeometry_msgs/PoseStamped initial_pose\n"
     f"---\n{_RESULT}string entity_name\n",

@@ -35,7 +35,8 @@ _FEATURES: Final = {
     "SPAWNING": 0, "DELETING": 1, "ENTITY_STATE_GETTING": 10, "ENTITY_STATE_SETTING": 11,
     "SIMULATION_RESET": 20, "SIMULATION_RESET_TIME": 21, "SIMULATION_STATE_GETTING": 24,
     "SIMULATION_STATE_SETTING": 25, "SIMULATION_STATE_PAUSE": 26, "STEP_SIMULATION_SINGLE": 31,
-    "STEP_SIMULATION_MULTIPLE": 32,
+    "STEP_SIMULATION_MULTIPLE": 32, "WORLD_LOADING": 40, "WORLD_INFO_GETTING": 44,
+    "AVAILABLE_WORLDS": 45,
 }  # fmt: skip
 _WORLD_FRAMES = ("", "world", MAP_FRAME)
 _MOST_STEPS = 10_000_000
@@ -53,7 +54,10 @@ def _of_error(error: str, code: int = OPERATION_FAILED) -> Response:
 
 
 def _features(_: Any, __: Node) -> Response:
-    info = "SpawnEntity: resource_string is an entity of /spawn_entity in JSON"
+    info = (
+        "SpawnEntity: resource_string is an entity of /spawn_entity in JSON; LoadWorld: uri is the "
+        "name of a world, and the simulation goes on playing or paused as it was"
+    )
     return {
         "features": {
             "features": sorted(_FEATURES.values()),

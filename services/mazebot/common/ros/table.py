@@ -10,12 +10,14 @@ from mazebot.common.ros.navigation import NAVIGATION_SERVICES, STATE_SERVICES
 from mazebot.common.ros.own_services import OWN_SERVICES
 from mazebot.common.ros.parameters import PARAMETER_SERVICES
 from mazebot.common.ros.simulation import SIMULATION_SERVICES
+from mazebot.common.ros.worlds import WORLD_SERVICES
 
 OF_EACH_NODE: Final = (*STATE_SERVICES, *PARAMETER_SERVICES)
 """Name below the node's, type, handler and meaning."""
 
 ROS_SERVICES: Final[tuple[Service, ...]] = (
     *SIMULATION_SERVICES,
+    *WORLD_SERVICES,
     *NAVIGATION_SERVICES,
     *OWN_SERVICES,
     *(

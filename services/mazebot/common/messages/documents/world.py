@@ -47,6 +47,11 @@ class WorldStatus(Document):
         "", description="hash of the running world, from this request or another one"
     )
     error: str = Field("", description="one line: what is wrong, and what is allowed")
+    running: WorldRequest | None = Field(
+        None, description="the request of the world that is running, for a worldgen that is "
+        "started again"
+    )
+    answered: str = Field("", description="publisher of the last request that was answered")
 
 
 class World(Document):
