@@ -27,6 +27,8 @@ FAULT ?=
 EXPLORE ?=
 LINKS ?=
 CONTAINERS ?=
+# Of soak: minutes of a running stack, in place of an hour of simulated time.
+MINUTES ?=
 # Of fuzz: messages of each kind, seconds on a running stack, sequences of requests.
 CASES ?=
 STACK_S ?=
@@ -191,8 +193,13 @@ bench: $(STAMP) ## measure speed and memory, beside PyBullet and ir-sim (JSON=be
 	@$(call sync,.venv-bench,requirements-bench.lock)
 	@touch $@
 
-soak: $(STAMP) ## drive an hour of simulated time to random goals (HOURS=1 SEED=7 WORLD=enhanced CAMERA=)
+soak: $(STAMP) $(if $(MINUTES),$(if $(CONTAINERS),image)) ## drive an hour of simulated time to random goals (HOURS=1 SEED=7 WORLD=enhanced CAMERA=), or a running stack, killing a service each minute (MINUTES=30 CONTAINERS=1)
+ifdef MINUTES
+	@.venv/bin/python -m mazebot.bench.chaos.soak --minutes $(MINUTES) --seed $(SEED) $(if $(CONTAINERS),--containers) \
+		--json $(if $(filter file,$(origin JSON)),soak.json,$(JSON))
+else
 	@.venv/bin/python -m mazebot.bench.whole.soak --hours $(HOURS) --seed $(SEED) --world $(WORLD) $(if $(CAMERA),--camera)
+endif
 
 chaos: $(STAMP) $(if $(CONTAINERS),image) ## kill, freeze and cut off services while the robot drives (SEED=7 TIMES=1 FAULT=kill-physics EXPLORE=1 LINKS=1 CONTAINERS=1)
 	@.venv/bin/python -m mazebot.bench.chaos --seed $(SEED) $(TIMES:%=--times %) $(FAULT:%=--fault %) \

@@ -115,9 +115,7 @@ def load_world(
     from mazebot.common.messages.action_documents import LoadWorld  # noqa: PLC0415
     from mazebot.common.messages.topics import LOAD_WORLD, SIMULATION_STATS  # noqa: PLC0415
 
-    wanted = LoadWorld(
-        world_name=world, use_aruco=use_aruco, overrides=tuple(overrides or ())
-    )
+    wanted = LoadWorld(world_name=world, use_aruco=use_aruco, overrides=tuple(overrides or ()))
     with ZenohRobot(connect) as robot, Subscription(robot, SIMULATION_STATS) as stats_sent:
         reply = robot.ask(LOAD_WORLD, wanted, LOADED_WITHIN_S)
         if reply.error:

@@ -125,7 +125,9 @@ class WorldgenNode(Node):
         except WorldError as error:
             return str(error)
         if request.slam and self._map is not None:
-            return f"slam: {self._config.map_file}: must be without a map (map_file), or without slam"
+            return (
+                f"slam: {self._config.map_file}: must be without a map (map_file), or without slam"
+            )
         if self._running is None:
             self._run(loaded, request, markers, outbox)
             return ""

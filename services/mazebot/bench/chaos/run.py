@@ -35,9 +35,9 @@ def run_faults(
     for number, fault in enumerate(faults):
         trial = Trial(fault.name, number)
         try:
-            _steady(witness, task)
+            steady(witness, task)
             time.sleep(float(moments.uniform(0.0, 1.0)))
-            _try(stack, witness, task, fault, trial)
+            try_one(stack, witness, task, fault, trial)
         except ConfigError as error:
             trial.problem = str(error)
         trials.append(trial)
@@ -50,7 +50,7 @@ def run_faults(
     return trials
 
 
-def _steady(witness: Witness, task: Task) -> None:
+def steady(witness: Witness, task: Task) -> None:
     """Wait until the robot is well on its way. Raises ConfigError."""
     witness.wait(lambda: witness.is_active, STEADY_S, "an active navigation before the fault")
     end_s = time.monotonic() + GOAL_S
@@ -62,10 +62,13 @@ def _steady(witness: Witness, task: Task) -> None:
         time.sleep(0.1)
 
 
-def _try(stack: Stack, witness: Witness, task: Task, fault: Fault, trial: Trial) -> None:
+def try_one(stack: Stack, witness: Witness, task: Task, fault: Fault, trial: Trial) -> None:
+    """Do one fault in mid-drive, and see what becomes of it. Raises ConfigError where the robot
+    does not drive before, or not again.
+    """
     stack.look()
     if not task.is_driving():
-        _steady(witness, task)
+        steady(witness, task)
     there, world_hash = witness.alive(), _hash(witness)
     begun_s = time.monotonic()
     before = witness.last_before(begun_s)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -86,14 +87,13 @@ class Stack(ABC):
     def thaw(self, service: str) -> None:
         """Let it go on."""
 
-    def memory_mb(self) -> dict[str, float]:
-        """Resident memory of each service that was looked for, MB."""
+    def held(self) -> dict[str, tuple[int, float]]:
+        """Process and resident memory, MB, of each service that was looked for and still runs."""
         found = {}
         for service, process in self._processes.items():
-            statm = Path(f"/proc/{process}/statm")
-            if statm.is_file():
-                pages = int(statm.read_text().split()[1])
-                found[service] = pages * os.sysconf("SC_PAGESIZE") / 1e6
+            with contextlib.suppress(OSError):
+                pages = Path(f"/proc/{process}/statm").read_text().split()
+                found[service] = process, int(pages[1]) * os.sysconf("SC_PAGESIZE") / 1e6
         return found
 
     def cut(self, service: str) -> None:

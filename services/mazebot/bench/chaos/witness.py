@@ -22,6 +22,7 @@ from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import MAP_FRAME, yaw_from_quaternion
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages import wire
+from mazebot.common.messages.action_documents import LoadWorld
 from mazebot.common.messages.documents import (
     Contact,
     LocalizationStatus,
@@ -39,6 +40,7 @@ from mazebot.common.messages.topics import (
     EXPLORATION_STATUS,
     GOAL_POSE,
     GROUND_TRUTH_ODOM,
+    LOAD_WORLD,
     LOCALIZATION_STATUS,
     NAVIGATION_RESULT,
     NAVIGATION_STATUS,
@@ -132,6 +134,30 @@ class Witness:
             )
             token.undeclare()  # type: ignore[no-untyped-call]
             publisher.undeclare()
+
+    def load_world(self, name: str, timeout_s: float) -> None:
+        """Load another world in place of the one that runs, and wait until the robot can be sent
+        about in it. Raises ConfigError where it is refused, or cannot in this time.
+        """
+        try:
+            reply = ask(self._session, LOAD_WORLD, LoadWorld(world_name=name), timeout_s)
+        except (QueryError, wire.WireError) as error:
+            raise ConfigError(f"{name}: {error}") from error
+        if reply.error:
+            raise ConfigError(reply.error)
+        loaded_s = time.monotonic()
+
+        def runs() -> bool:
+            world, stats = self.world, self.stats
+            return (
+                world is not None
+                and world.hash == reply.world_hash
+                and stats is not None
+                and stats.world_hash == reply.world_hash
+                and self.active_since(loaded_s)
+            )
+
+        self.wait(runs, timeout_s, f"an active robot in {name}")
 
     def reset(self) -> None:
         """Put everything back to the start. Raises ConfigError where it is refused."""

@@ -235,7 +235,7 @@ def _fuzz(
     tell("a running stack: driving, for comparison")
     stranger.drive_with(QUIET, seconds * _FLOOD_SHARE)
     stack.look()
-    before, memory = witness.alive(), stack.memory_mb()
+    before, memory = witness.alive(), _memory_mb(stack)
     stranger.go_on()
     stranger.send_malformed(real, seconds)
     stranger.flood(seconds * _FLOOD_SHARE)
@@ -270,12 +270,16 @@ def _judge(
             report.findings.append(f"{service} has ended, and was started again")
     if witness.contacts:
         report.findings.append(f"{len(witness.contacts)} contacts")
-    grown = stack.memory_mb()
+    grown = _memory_mb(stack)
     report.grown_mb = {name: grown.get(name, 0.0) - memory[name] for name in memory}
     for name, grown_mb in report.grown_mb.items():
         # A recording grows by itself.
         if name != "recorder" and grown_mb > MEMORY_MB:
             report.findings.append(f"{name} has grown by {grown_mb:.0f} MB")
+
+
+def _memory_mb(stack: ProcessStack) -> dict[str, float]:
+    return {service: memory_mb for service, (_, memory_mb) in stack.held().items()}
 
 
 def _is_valid(topic: Topic[Any], data: bytes) -> bool:

@@ -48,8 +48,9 @@ class WorldStatus(Document):
     )
     error: str = Field("", description="one line: what is wrong, and what is allowed")
     running: WorldRequest | None = Field(
-        None, description="the request of the world that is running, for a worldgen that is "
-        "started again"
+        None,
+        description="the request of the world that is running, for a worldgen that is "
+        "started again",
     )
     answered: str = Field("", description="publisher of the last request that was answered")
 
