@@ -8,7 +8,7 @@ import shutil
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -32,9 +32,11 @@ from mazebot.recorder import node as node_module
 from mazebot.recorder.config import RecorderConfig
 from mazebot.recorder.drawing import archetypes, picture_drawing
 from mazebot.recorder.drawing.canvas import Canvas
+from mazebot.recorder.keeping.run import drawing as drawing_module
 from mazebot.recorder.keeping.run import run as run_module
 from mazebot.recorder.node import RecorderNode
 from mazebot.recorder.stream.rerun_program import rerun_binary
+from mazebot.recorder.stream.rrd_reader import read_rrd
 from tests.recorder.synthetic import (
     BRICKS,
     ERROR_M,
@@ -83,6 +85,17 @@ def entities_of(recording: Path) -> str:
     """What `rerun rrd stats` prints: every entity and how many chunks it has."""
     command = [str(rerun_binary()), "rrd", "stats", str(recording)]
     return subprocess.run(command, capture_output=True, check=True, text=True).stdout
+
+
+def times_of(parts: Iterable[Path], entity: str) -> list[int]:
+    """When something was drawn at an entity, ns, in order and each time once."""
+    found: set[int] = set()
+    for part in parts:
+        for chunk in read_rrd(part).stream():
+            if chunk.entity_path == entity and "sim_time" in chunk.timeline_names:
+                column = chunk.to_record_batch().column("sim_time")
+                found |= set(column.to_numpy(False).astype(np.int64).tolist())
+    return sorted(found)
 
 
 def test_a_run_leaves_a_whole_recording_a_summary_and_its_configuration(tmp_path: Path) -> None:
@@ -373,6 +386,41 @@ def test_the_recording_ends_whole_before_the_disk_is_full_and_goes_on_with_room(
     assert [path.name for path in run.glob("*.rrd")] == ["run.rrd"]
     verify(run / "run.rrd")
     assert summary_of(run)["sim_time_s"] == pytest.approx(3.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("is_large", [True, False])
+def test_a_long_recording_goes_on_in_the_next_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_large: bool
+) -> None:
+    monkeypatch.setattr(run_module, "FLUSH_PERIOD_S", 0.0)
+    monkeypatch.setattr(drawing_module, "MOST_CHUNKS", 100)
+    monkeypatch.setattr(drawing_module, "MOST_JOINED_BYTES", 0 if is_large else 10**9)
+    world = room()
+    bench = Bench(recorder(tmp_path))
+    bench.say(opening(world))
+    bench.say(driving(world, 3.0))
+    (run,) = tmp_path.iterdir()
+    assert len(list(run.glob("*.rrd"))) > 1
+    bench.node.close()
+    parts = sorted(run.glob("*.rrd"))
+    assert (len(parts) > 1) == is_large
+    for part in parts:
+        verify(part)
+        assert "/world/walls/bricks: " in entities_of(part)
+    # It is whole, and nothing is left for a repair.
+    assert not (run / ".recording").exists()
+    assert summary_of(run)["sim_time_s"] == pytest.approx(3.0, abs=1e-3)
+    monkeypatch.undo()
+    bench = Bench(recorder(tmp_path / "one"))
+    bench.say(opening(world))
+    bench.say(driving(world, 3.0))
+    bench.node.close()
+    (one,) = (tmp_path / "one").glob("*/*.rrd")
+    for entity in ("/ground_truth/odom", "/scan"):
+        expected = times_of([one], entity)
+        assert expected
+        assert set(expected) <= set(times_of(parts, entity)), entity
+    assert len(times_of([one], "/ground_truth/odom")) > 20
 
 
 def test_a_disk_that_is_full_loses_nothing_but_what_it_had_no_room_for(

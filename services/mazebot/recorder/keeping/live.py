@@ -22,6 +22,8 @@ from mazebot.recorder.stream.live_feed import LiveFeed
 
 _RECORDING = "run.rrd"
 _WAITING = "waiting for a run"
+_MEMORY_SHARE = 2
+"""Rerun counts the data alone: with small chunks, what they take is twice that and more."""
 _LOOK_S = 0.05
 """How often the page server checks whether to stop."""
 _END_TIMEOUT_S = 0.5
@@ -62,7 +64,9 @@ class LiveView:
         self._server = rr.RecordingStream(_WAITING, recording_id="waiting", send_properties=False)
         try:
             self._server.set_sinks(
-                rr.GrpcServerSink(bind, grpc_port, server_memory_limit=f"{memory_mib}MiB")
+                rr.GrpcServerSink(
+                    bind, grpc_port, server_memory_limit=f"{memory_mib // _MEMORY_SHARE}MiB"
+                )
             )
         except (RuntimeError, OSError) as error:
             raise ConfigError(f"grpc_port: port {grpc_port} on {bind}: {error}") from error

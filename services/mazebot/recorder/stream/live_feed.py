@@ -17,7 +17,7 @@ _LOG = logging.getLogger("recorder")
 
 APPLICATION = "mazebot"
 TIMELINE = "sim_time"
-BATCH_PERIOD_S = 0.25
+BATCH_PERIOD_S = 0.1
 """Wall time after which logged data is sent: the default of 8 ms for live views makes fifty times
 the chunks, too many for slow viewers.
 """

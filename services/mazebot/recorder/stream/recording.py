@@ -73,6 +73,8 @@ class Recording:
         properties: Mapping[str, str],
     ) -> None:
         """Raises RecordingError if the file cannot be created."""
+        self.chunks = 0
+        """Sent to the file so far: Rerun keeps an entry of each in memory until the file ends."""
         self._live = live
         self._file: rr.RecordingStream | None = None
         self._writer: FileWriter | None = None
@@ -333,6 +335,7 @@ class Recording:
         times = rr.TimeColumn(TIMELINE, duration=np.array(stamps_ns, "timedelta64[ns]"))
         if self._file is not None:
             rr.send_columns(path, [times], columns, recording=self._file)
+            self.chunks += 1
         if self._live is not None:
             self._live.send_columns(path, times, columns)
 

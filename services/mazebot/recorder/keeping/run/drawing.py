@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import threading
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,6 +27,10 @@ _LOG = logging.getLogger("recorder")
 
 JOIN_TIMEOUT_S = 6.0
 """Wall time at a run's end to merge several parts, or to repair one without its end."""
+MOST_JOINED_BYTES = 200_000_000
+"""Whole parts that are larger together stay as they are: a viewer reads them as one."""
+MOST_CHUNKS = 50_000
+"""In a part: Rerun keeps some 4 KB of each until the part ends, and writes an index of all then."""
 
 _ROBOT = ROOT / "models" / "turtlebot3_waffle" / "model.urdf"
 
@@ -44,6 +49,8 @@ class RunDrawing:
         self._are_whole = self._parts == 0
         """Whether every part so far was ended properly."""
         self._canvas: Canvas | None = None
+        self._ending: list[threading.Thread] = []
+        """Of parts that were large."""
         self._draw: Mapping[Topic[Any], Callable[[Canvas, Any], None]] = {}
         self._not_drawn: set[Topic[Any]] = set()
 
@@ -56,6 +63,11 @@ class RunDrawing:
     def part(self) -> Path:
         """The newest file."""
         return self._folder.part(self._parts)
+
+    @property
+    def is_large(self) -> bool:
+        """Whether the next part shall begin."""
+        return self._canvas is not None and self._canvas.recording.chunks >= MOST_CHUNKS
 
     def move_to(self, folder: RunFolder) -> None:
         """Write the next files to another folder."""
@@ -84,7 +96,7 @@ class RunDrawing:
             blueprint=run_blueprint(scene, setting.config.layout),
             properties={**properties, **scene.properties()},
         )
-        self.close()
+        self._end_beside()
         self._parts += in_file
         self._draw = DRAW
         self._canvas = canvas = Canvas(
@@ -157,9 +169,18 @@ class RunDrawing:
 
     def close(self) -> None:
         """End the file and the live view."""
+        self._end_beside()
+        while self._ending:
+            self._ending.pop().join()
+
+    def _end_beside(self) -> None:
+        """End the file in a thread: the index of a large one takes its time."""
         canvas, self._canvas = self._canvas, None
         if canvas is not None:
-            self._end(canvas.recording.close)
+            end = canvas.recording.close
+            ending = threading.Thread(target=self._end, args=(end,), name="end of part")
+            ending.start()
+            self._ending.append(ending)
 
     def _end(self, end: Callable[[], None]) -> None:
         try:
@@ -169,14 +190,18 @@ class RunDrawing:
             _LOG.error("%s: %s", self.part, error)
 
     def join_parts(self) -> bool:
-        """Merge all parts into one compact run.rrd; returns whether it is complete."""
+        """Merge all parts into one compact run.rrd, unless they are large; returns whether the
+        recording is complete.
+        """
         parts = self._folder.parts()
-        timeout_s = self._setting.config.compact_timeout_s
-        must = len(parts) > 1 or not self._are_whole
-        if not parts or (timeout_s <= 0.0 and not must):
+        timeout_s, must = self._setting.config.compact_timeout_s, not self._are_whole
+        is_large = sum(part.stat().st_size for part in parts) > MOST_JOINED_BYTES
+        if not parts or (not must and (is_large or (len(parts) == 1 and timeout_s <= 0.0))):
             return True
-        # If this times out, a properly ended single part stays as it is.
-        problem = Rewriting(parts).run(max(timeout_s, JOIN_TIMEOUT_S) if must else timeout_s)
+        if must or len(parts) > 1:
+            timeout_s = max(timeout_s, JOIN_TIMEOUT_S)
+        # If this times out, parts that were properly ended stay as they are.
+        problem = Rewriting(parts).run(timeout_s)
         if problem and must:
             _LOG.warning(
                 "%s: not merged; the next recorder will repair it: %s", self._folder.path, problem

@@ -49,8 +49,10 @@ _DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 
 FLUSH_PERIOD_S = 0.4
 """Wall time: together with a step of the recorder, the most that is lost if it is killed."""
-SEND_PERIOD_S = 0.25
-"""Wall time by which the live view may lag behind."""
+SEND_PERIOD_S = FLUSH_PERIOD_S
+"""Wall time by which the live view may lag behind. The file gets a chunk of each entity at each of
+both periods.
+"""
 SUMMARY_PERIOD_S = 5.0
 PROGRESS_PERIOD_S = 2.0
 """Wall time: the evaluation loses at most this duration if the recorder is killed."""
@@ -252,12 +254,7 @@ class Run:
         """Start run.rrd, or its next part, with the current state."""
         config = self._setting.config
         trouble = self._lack_of_space() if config.record else None
-        properties = {
-            "world": self.world.name,
-            "world_hash": self.world.hash,
-            "seed": str(config.seed),
-            **self._setting.versions,
-        }
+        properties = self._properties()
         if trouble is not None:
             self._stop(trouble)
         elif config.record:
@@ -273,6 +270,14 @@ class Run:
         if not self._drawing.is_open and self._setting.live is not None:
             self._drawing.begin(now_ns, properties, in_file=False)
 
+    def _properties(self) -> dict[str, str]:
+        return {
+            "world": self.world.name,
+            "world_hash": self.world.hash,
+            "seed": str(self._setting.config.seed),
+            **self._setting.versions,
+        }
+
     def _open_digests(self) -> RunDigests | None:
         return RunDigests(self.folder.path / DIGESTS) if self._setting.config.record else None
 
@@ -287,6 +292,8 @@ class Run:
         try:
             self.messages.flush(self._end[1])
             self._drawing.flush()
+            if self._drawing.is_large:
+                self._drawing.begin(self._end[1], self._properties(), in_file=True)
         except RecordingError as error:
             self._stop(self._lack_of_space() or str(error))
             return
