@@ -3,6 +3,7 @@ from __future__ import annotations
 import hashlib
 import logging
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -74,11 +75,11 @@ class Bench:
         assert answer.request == request
         return answer
 
-    def load(self, world_name: str, **options: object) -> LoadWorldReply:
+    def load(self, world_name: str, **options: Any) -> LoadWorldReply:
         """Load a world in the place of the one that runs; `sent` holds what came with it."""
         self.sent.clear()
         replies: list[LoadWorldReply] = []
-        wanted = LoadWorld(world_name=world_name, **options)  # type: ignore[arg-type]
+        wanted = LoadWorld(world_name=world_name, **options)
         self.inbox.ask(LOAD_WORLD, wanted, replies.append)
         self.node.step(0, self.inbox, self._outbox)
         (reply,) = replies
@@ -94,7 +95,8 @@ class Bench:
 
     def after(self, before: Bench) -> Bench:
         """Started again, with the last word of the process before, as others have kept it."""
-        (status,) = [message for topic, message, _ in before.sent if topic is WORLD_STATUS][-1:]
+        status = [message for topic, message, _ in before.sent if topic is WORLD_STATUS][-1]
+        assert isinstance(status, WorldStatus)
         self.inbox.deliver(WORLD_STATUS, status, Envelope("worldgen", 0, 0, ""))
         request = WorldRequest(world_name="room")
         self.inbox.deliver(WORLD_REQUEST, request, Envelope("bringup", 0, 0, ""))
