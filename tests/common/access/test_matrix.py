@@ -138,8 +138,8 @@ def test_a_viewer_asks_only_what_changes_nothing() -> None:
         if not one.is_topic and decide(GRANTS["viewer"], Verb.QUERY, one.keys[0])[0]
     }
     assert {name for name in may if name.rpartition("/")[2] not in of_nodes} == {
-        "/get_entities", "/get_entities_states", "/get_entity_state", "/get_simulation_state",
-        "/get_simulator_features",
+        "/get_available_worlds", "/get_current_world", "/get_entities", "/get_entities_states",
+        "/get_entity_state", "/get_simulation_state", "/get_simulator_features",
     }  # fmt: skip
     for role in (OPERATOR, AUTONOMY):
         assert all(decide(GRANTS[role], Verb.QUERY, key)[0] for key in SERVICE_KEYS)
