@@ -45,7 +45,9 @@ _FILES = (
     (
         RECORDING,
         "all messages, drawn: a [Rerun](https://rerun.io) recording on the timeline `sim_time`, "
-        "simulation time; entities are named like the topics",
+        "simulation time; entities are named like the topics. That of a long run goes on in "
+        "`run_2.rrd` and so on, after some ten minutes each: `mazebot recordings view` and the "
+        "console show them as one",
     ),
     MCAP_ROW,
     (
