@@ -50,7 +50,8 @@ def test_what_did_not_hold_is_told() -> None:
 def test_only_what_may_never_be_lost_counts(tmp_path: Path) -> None:
     for run, lost in (("one", 0), ("two", 3)):
         (tmp_path / run).mkdir()
-        counts = {"/scan": {"lost": 7}, "/navigation/result": {"lost": lost}}
+        counts = {name: {"lost": 7} for name in ("/scan", "/simulation/stats", "/none_of_ours")}
+        counts["/navigation/result"] = {"lost": lost}
         (tmp_path / run / "summary.json").write_text(json.dumps({"messages": counts}))
     assert lost_of(tmp_path) == {"/navigation/result": 3}
 

@@ -10,7 +10,9 @@ from typing import Final, Literal
 from mazebot.bench.chaos.links import Shape
 from mazebot.bench.chaos.stacks import EXPLORING, SERVICES, Stack
 
-Kind = Literal["kill", "freeze", "cut", "restart", "starve", "late", "half-open", "delay", "slow"]
+Kind = Literal[
+    "kill", "freeze", "cut", "restart", "starve", "squeeze", "late", "half-open", "delay", "slow"
+]  # fmt: skip
 
 STOP_S: Final = 0.25
 """From the loss of navigation, which commands the robot, to its rest."""
@@ -57,9 +59,14 @@ class Fault:
         return self.ends_all or not DRIVES_BY.isdisjoint(self.services)
 
     @property
+    def kills(self) -> bool:
+        """Whether the services' processes end, and are started again."""
+        return self.kind in ("kill", "squeeze")
+
+    @property
     def back_s(self) -> float | None:
         """Within this time after it the services must be back; None: they were not gone."""
-        if self.kind != "kill" or len(self.services) != 1:
+        if not self.kills or len(self.services) != 1:
             return None
         return _BACK_S.get(self.services[0], 5.0)
 
@@ -68,6 +75,7 @@ class Fault:
         acts: dict[Kind, Callable[[str], None]] = {
             "kill": stack.kill, "freeze": stack.freeze, "cut": stack.cut,
             "restart": lambda _: stack.restart(), "starve": stack.starve, "late": stack.hold_back,
+            "squeeze": stack.squeeze,
             **{kind: partial(stack.shape, shape=shape) for kind, shape in SHAPES.items()},
         }  # fmt: skip
         for service in self.services or (_ALL,):
@@ -105,6 +113,10 @@ FAULTS: Final[tuple[Fault, ...]] = (
     *(
         Fault("starve", (service,), 10.0, needs_containers=True)
         for service in ("navigation", "localization", "physics", "router")
+    ),
+    *(
+        Fault("squeeze", (service,), needs_containers=True)
+        for service in ("navigation", "localization", "physics", "recorder")
     ),
     Fault("late", ("router",), 5.0, needs_containers=True),
     Fault("restart", ()),

@@ -74,6 +74,10 @@ def try_one(stack: Stack, witness: Witness, task: Task, fault: Fault, trial: Tri
     before = witness.last_before(begun_s)
     trial.seen_m2 = 0.0 if witness.exploration is None else witness.exploration[1].free_m2
     fault.begin(stack)
+    if fault.kind == "squeeze":
+        # It took until now.
+        begun_s = time.monotonic()
+        before = witness.last_before(begun_s)
     if fault.hold_s:
         time.sleep(fault.hold_s)
     fault.end(stack)
@@ -81,7 +85,7 @@ def try_one(stack: Stack, witness: Witness, task: Task, fault: Fault, trial: Tri
     if "router" in fault.services or fault.ends_all:
         witness.close()
         witness.open()
-    killed = fault.services if fault.kind == "kill" else ()
+    killed = fault.services if fault.kills else ()
 
     def is_back() -> bool:
         here = witness.alive()
@@ -141,5 +145,5 @@ def _judge_continuity(
         and math.hypot(first.x_m - before.x_m, first.y_m - before.y_m) < _SAME_M
         and abs(wrap_angle(first.yaw_rad - before.yaw_rad)) < _SAME_RAD
     )
-    if not trial.same_world and fault.kind == "kill":
+    if not trial.same_world and fault.kills:
         trial.problem = "the simulation did not go on where it was"

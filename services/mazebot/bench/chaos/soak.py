@@ -105,13 +105,17 @@ def samples_of(stack: Stack, wall_s: float) -> Iterator[Sample]:
 
 
 def lost_of(recordings: Path) -> dict[str, int]:
-    """Messages that may never be lost and were, by topic, over all runs in a folder."""
+    """Messages that may never be lost and were, by topic, over all runs in a folder. What comes
+    regularly is followed by the next one: it may be lost while there is no router.
+    """
     lost: dict[str, int] = {}
     for summary in sorted(recordings.glob(f"*/{SUMMARY}")):
         messages = json.loads(summary.read_text(encoding="utf-8"))["messages"]
         for name, counts in messages.items():
             topic = BY_NAME.get(name)
-            if topic is not None and topic.delivery is not Delivery.LATEST and counts["lost"]:
+            if topic is None or topic.delivery is Delivery.LATEST or topic.rate_hz is not None:
+                continue
+            if counts["lost"]:
                 lost[name] = lost.get(name, 0) + counts["lost"]
     return lost
 

@@ -28,6 +28,9 @@ SERVICES = (
 EXPLORING = (*(one for one in SERVICES if one != "localization"), "mapping", "explorer")
 """In place of these, where the robot makes its map."""
 _COMMAND_S = 300.0
+_SQUEEZED_S = 10.0
+_SPARE_BYTES, _TAKEN_BYTES = 16_000_000, 48_000_000
+"""Left to a service below its limit, and what is taken of it: less than any service has."""
 _STARVED_CPUS = "0.25"
 """Of a processor: less than any service of the drive needs, but the router."""
 
@@ -111,6 +114,12 @@ class Stack(ABC):
 
     def feed(self, service: str) -> None:  # noqa: B027 - see starve
         """Give it back."""
+
+    def squeeze(self, service: str) -> None:
+        """Let a service reach its memory limit, and return when the kernel has ended it. Raises
+        ConfigError where that cannot be done here.
+        """
+        raise ConfigError(f"{service}: only a container has a memory limit")
 
     def hold_back(self, service: str) -> None:
         """End all services, and start them again in another order, without this one. Raises
@@ -318,6 +327,26 @@ class ContainerStack(Stack):
         everything = str(os.cpu_count() or 1)
         self._run("docker", "update", "--cpus", everything, self._container(service))
 
+    def squeeze(self, service: str) -> None:
+        """See Stack. What is left below the limit is taken by a smaller process beside it."""
+        container, process = self._container(service), self._processes[service]
+        before = self._run("docker", "inspect", "--format", "{{.HostConfig.Memory}}", container)
+        self._limit_memory(container, str(_own_bytes(process) + _SPARE_BYTES))
+        takes = f"taken = b'x' * {_TAKEN_BYTES}; import time; time.sleep(60)"
+        try:
+            self._run("docker", "exec", "--detach", container, "python", "-c", takes)
+            end_s = time.monotonic() + _SQUEEZED_S
+            while Path(f"/proc/{process}").exists():
+                if time.monotonic() > end_s:
+                    raise ConfigError(f"{service}: was not ended at its memory limit")
+                time.sleep(0.01)
+        finally:
+            self._limit_memory(container, before.strip())
+
+    def _limit_memory(self, container: str, limit_bytes: str) -> None:
+        limits = "--memory", limit_bytes, "--memory-swap", limit_bytes
+        self._run("docker", "update", *limits, container)
+
     def hold_back(self, service: str) -> None:
         """See Stack."""
         everyone = [self._container(one) for one in (*self.services, "router")]
@@ -343,6 +372,16 @@ class ContainerStack(Stack):
 
     def _compose(self, *arguments: str) -> str:
         return self._run("docker", "compose", *arguments)
+
+
+def _own_bytes(process: int) -> int:
+    """Memory that a process shares with no file and nobody. Raises ConfigError."""
+    try:
+        status = Path(f"/proc/{process}/status").read_text()
+        (line,) = (line for line in status.splitlines() if line.startswith("RssAnon:"))
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"process {process} has ended by itself") from error
+    return int(line.split()[1]) * 1024
 
 
 def _child(process: int) -> int:

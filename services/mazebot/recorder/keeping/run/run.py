@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import math
 import shutil
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict
@@ -102,8 +103,10 @@ class Run:
         """Source id of the simulation's messages, and its epoch."""
         if progress is not None:
             self._resume_from(progress)
-        self._kept_s, self._kept_goals = now_s, self._evaluation.goals_ended
-        self._sent_s = self._flushed_s = self._summarised_s = self._checked_s = now_s
+        self._kept_goals = self._evaluation.goals_ended
+        self._sent_s = self._flushed_s = self._checked_s = now_s
+        # At once: a run whose recorder is killed in its first seconds is resumed, too.
+        self._kept_s = self._summarised_s = -math.inf
         for topic, message in setting.fixed.items():
             self._judge.take(topic, message)
         self._open_recording(now_ns)
@@ -145,7 +148,7 @@ class Run:
             self._write_summary()
         # The true pose at a goal's end is not sent again.
         has_news = self._evaluation.goals_ended != self._kept_goals
-        if now_s - self._kept_s >= PROGRESS_PERIOD_S or has_news:
+        if self._known and (now_s - self._kept_s >= PROGRESS_PERIOD_S or has_news):
             self._kept_s = now_s
             self.keep_progress()
             self._kept_goals = self._evaluation.goals_ended
