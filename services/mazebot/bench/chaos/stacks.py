@@ -345,7 +345,16 @@ class ContainerStack(Stack):
 
     def _limit_memory(self, container: str, limit_bytes: str) -> None:
         limits = "--memory", limit_bytes, "--memory-swap", limit_bytes
-        self._run("docker", "update", *limits, container)
+        end_s = time.monotonic() + _SQUEEZED_S
+        while True:
+            try:
+                self._run("docker", "update", *limits, container)
+                return
+            except ConfigError:
+                # Between its end and its next start a container cannot be changed.
+                if time.monotonic() > end_s:
+                    raise
+                time.sleep(0.1)
 
     def hold_back(self, service: str) -> None:
         """See Stack."""
