@@ -302,6 +302,8 @@ sim step 0 : step|0
 sim step x : N|x|integer
 sim step 1.5 : N|1.5|integer
 sim step 99999999999 : step|99999999999
+sim load-world : WORLD
+sim load-world maze --connect tcp/127.0.0.1:1 : tcp/127.0.0.1:1
 sim run-until : T
 sim run-until -1 : run_until_s|-1
 sim run-until nan : run_until_s|nan

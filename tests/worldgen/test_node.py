@@ -222,16 +222,18 @@ def test_a_map_of_the_world_that_runs_does_not_become_one_of_another(tmp_path: P
 
 
 def test_a_worldgen_that_is_started_again_goes_on_with_the_world_that_was_loaded(
-    bench: Bench, tmp_path: Path
+    bench: Bench, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     bench.ask("room")
     loaded = bench.load("hall").world_hash
     again = Bench(WorldgenConfig(worlds_dir=tmp_path)).after(bench)
     assert again.node.world_hash == loaded
-    statuses = [message for topic, message, _ in again.sent if topic is WORLD_STATUS]
-    # The request that the process before has answered is not refused now.
-    assert [status.error for status in statuses] == [""]  # type: ignore[attr-defined]
-    assert statuses[-1].world_hash == loaded  # type: ignore[attr-defined]
+    statuses = [message for _, message, _ in again.sent if isinstance(message, WorldStatus)]
+    assert {status.world_hash for status in statuses} == {loaded}
+    assert [status.running for status in statuses] == [WorldRequest(world_name="hall")] * 2
+    # That the process before had loaded what was requested at first is no error of anybody.
+    assert "must be the world that is running, 'hall'" in statuses[-1].error
+    assert not [record for record in caplog.records if record.levelno >= logging.ERROR]
     third = Bench(WorldgenConfig(worlds_dir=tmp_path)).after(again)
     assert third.node.world_hash == loaded
 

@@ -98,7 +98,9 @@ def speed(
 
 @app.command("load-world")
 def load_world(
-    world: Annotated[str, typer.Argument(help="a world's name", autocompletion=world_names)],
+    world: Annotated[
+        str, typer.Argument(metavar="WORLD", help="a world's name", autocompletion=world_names)
+    ],
     overrides: Annotated[
         list[str] | None,
         typer.Option("--set", help="field=value, overrides the recipe's, e.g. wall_height_m=2.5"),

@@ -59,8 +59,6 @@ class WorldgenNode(Node):
         self._running: LoadedWorld | None = None
         self._mode = WorldRequest(world_name="")
         """The request of the world that runs."""
-        self._answered = ""
-        """Who sent the last request that was answered."""
         self._before: WorldStatus | None = None
         """The last word of the process before this one,"""
         self._resumed = False
@@ -69,20 +67,18 @@ class WorldgenNode(Node):
 
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
         """Process each request."""
+        is_first = False
         if not self._resumed:
             self._before = inbox.latest(WORLD_STATUS) or self._before
             if not inbox.is_handed_over:
                 return
             self._resumed = True
-            self._resume(outbox)
-        for request, envelope in inbox.arrivals(WORLD_REQUEST):
-            if self._before is not None and envelope.source == self._before.answered:
-                # The process before this one did, and another world may run since.
-                continue
+            is_first = self._resume(outbox)
+        for request in inbox.new(WORLD_REQUEST):
             self._error = self._answer(request, outbox)
-            self._answered = envelope.source
             if self._error:
-                _log.error("%s", self._error)
+                # What was requested before this process began may have been replaced since.
+                _log.log(logging.INFO if is_first else logging.ERROR, "%s", self._error)
             self._publish_status(request, outbox)
         for wanted in inbox.requests(LOAD_WORLD):
             wanted.respond(self._load_world(wanted.message, outbox))
@@ -91,25 +87,23 @@ class WorldgenNode(Node):
         for map_wanted in inbox.requests(LOAD_MAP):
             map_wanted.respond(self._load_map(map_wanted.message, outbox))
 
-    def _resume(self, outbox: Outbox) -> None:
-        """Take up the world of the process before this one, if there was one."""
-        before = self._before
+    def _resume(self, outbox: Outbox) -> bool:
+        """Take up the world of the process before this one; whether there was one."""
+        before, self._before = self._before, None
         if before is None or before.running is None:
-            return
+            return False
         error = self._answer(before.running, outbox)
         if error:
             _log.error("the world that was running cannot be loaded again: %s", error)
-            self._before = None
-            return
-        self._answered = before.answered
+            return False
         self._publish_status(before.running, outbox)
+        return True
 
     def _publish_status(self, request: WorldRequest, outbox: Outbox) -> None:
         running = self._mode if self._running is not None else None
         status = WorldStatus(
-            request=request, world_hash=self.world_hash, error=self._error, running=running,
-            answered=self._answered,
-        )  # fmt: skip
+            request=request, world_hash=self.world_hash, error=self._error, running=running
+        )
         outbox.put(WORLD_STATUS, status)
 
     def waiting_for(self) -> str | None:

@@ -22,6 +22,7 @@ from mazebot.common.messages.topics import (
     SIMULATION_STATS,
     WORLD,
     WORLD_REQUEST,
+    WORLD_STATUS,
 )
 from mazebot.common.node import node
 from mazebot.common.node.held import HeldMessage, HeldMessages, newest, wanted_by
@@ -37,7 +38,7 @@ def envelope(source: str, sequence: int = 0) -> Envelope:
 
 def test_who_begins_asks_for_what_is_said_but_once_and_for_what_it_goes_on_from() -> None:
     assert {WORLD, ASSETS, SIMULATION_STATS} <= set(wanted_by("physics"))
-    assert set(wanted_by("worldgen")) == {WORLD_REQUEST}
+    assert set(wanted_by("worldgen")) == {WORLD_REQUEST, WORLD_STATUS}
     assert NAVIGATION_STATUS not in wanted_by("bringup")
 
 

@@ -52,7 +52,6 @@ class WorldStatus(Document):
         description="the request of the world that is running, for a worldgen that is "
         "started again",
     )
-    answered: str = Field("", description="publisher of the last request that was answered")
 
 
 class World(Document):
