@@ -6,6 +6,7 @@ import json
 import os
 import socket
 import sys
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -31,6 +32,8 @@ _MAPPERS, _LOCALIZER = ("mapping", "explorer"), "localization"
 _SIMULATOR = ("worldgen", "physics", "spawner", "perception", "recorder", DEMO)
 _NAVIGATION = ("navigation", "recorder")
 """And what localises the robot."""
+_LOOK_AGAIN_S, _SETTLES_S = 0.3, 5.0
+"""Between two looks for who runs on another router, and the longest time for it."""
 _VIEWER_PORTS = {
     # As Docker Compose names them.
     "MAZEBOT_VIEWER_PORT": ("MAZEBOT_RECORDER_WEB_PORT", 9090),
@@ -187,7 +190,9 @@ def _key_files(folder: Path | None) -> dict[str, Path]:
 
 
 def _running_on(endpoint: str, key_file: Path | None) -> frozenset[str]:
-    """The services on another stack's router. Raises ConfigError where there is none."""
+    """The services on another stack's router; of one that has just been started, all of them too:
+    they are asked for until the answer stays the same. Raises ConfigError where there is none.
+    """
     # Zenoh takes long to load.
     from mazebot.common.bus.config import BusConfig  # noqa: PLC0415
     from mazebot.common.bus.liveliness import alive  # noqa: PLC0415
@@ -200,6 +205,12 @@ def _running_on(endpoint: str, key_file: Path | None) -> frozenset[str]:
     except BusUnavailableError as error:
         raise ConfigError(f"--connect: {error}: must be the router of a stack that runs") from error
     running = frozenset(alive(session, config.keys))
+    end_s = time.monotonic() + _SETTLES_S
+    while True:
+        time.sleep(_LOOK_AGAIN_S)
+        before, running = running, frozenset(alive(session, config.keys))
+        if running == before or time.monotonic() > end_s:
+            break
     session.close()  # type: ignore[no-untyped-call]
     return running
 
