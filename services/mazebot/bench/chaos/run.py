@@ -35,7 +35,7 @@ def run_faults(
     for number, fault in enumerate(faults):
         trial = Trial(fault.name, number)
         try:
-            steady(witness, task)
+            _steady(witness, task)
             time.sleep(float(moments.uniform(0.0, 1.0)))
             try_one(stack, witness, task, fault, trial)
         except ConfigError as error:
@@ -50,7 +50,7 @@ def run_faults(
     return trials
 
 
-def steady(witness: Witness, task: Task) -> None:
+def _steady(witness: Witness, task: Task) -> None:
     """Wait until the robot is well on its way. Raises ConfigError."""
     witness.wait(lambda: witness.is_active, STEADY_S, "an active navigation before the fault")
     end_s = time.monotonic() + GOAL_S
@@ -68,7 +68,7 @@ def try_one(stack: Stack, witness: Witness, task: Task, fault: Fault, trial: Tri
     """
     stack.look()
     if not task.is_driving():
-        steady(witness, task)
+        _steady(witness, task)
     there, world_hash = witness.alive(), _hash(witness)
     begun_s = time.monotonic()
     before = witness.last_before(begun_s)

@@ -45,12 +45,13 @@ _MOST_STARS = 2
 _ENTITY: TypeAdapter[doc.Entity] = TypeAdapter(doc.Entity)
 
 
-def _result(code: int = OK, error: str = "") -> Response:
+def result(code: int = OK, error: str = "") -> Response:
+    """What every response begins with; `error` is empty where `code` is OK."""
     return {"result": {"result": code, "error_message": error}}
 
 
 def _of_error(error: str, code: int = OPERATION_FAILED) -> Response:
-    return _result(code, error) if error else _result()
+    return result(code, error) if error else result()
 
 
 def _features(_: Any, __: Node) -> Response:
@@ -75,20 +76,20 @@ def _state_of(stats: doc.SimulationStats | None) -> int:
 
 def _get_state(_: Any, __: Node) -> Steps:
     reply = yield SIMULATION_CONTROL, doc.SimulationControl()
-    return {"state": {"state": _state_of(reply.stats)}, **_result()}
+    return {"state": {"state": _state_of(reply.stats)}, **result()}
 
 
 def _set_state(request: Any, _: Node) -> Steps:
     wanted = request.state.state
     if wanted not in (_PLAYING, _PAUSED):
         name = _STATES.get(wanted, str(wanted))
-        return _result(FEATURE_UNSUPPORTED, f"state: {name}: must be PLAYING or PAUSED")
+        return result(FEATURE_UNSUPPORTED, f"state: {name}: must be PLAYING or PAUSED")
     reply = yield SIMULATION_CONTROL, doc.SimulationControl()
     now = _state_of(reply.stats)
     if now == _NO_WORLD:
-        return _result(INCORRECT_STATE, "no world is loaded yet")
+        return result(INCORRECT_STATE, "no world is loaded yet")
     if now == wanted:
-        return _result(ALREADY_IN_TARGET_STATE, f"the simulation is {_STATES[now]} already")
+        return result(ALREADY_IN_TARGET_STATE, f"the simulation is {_STATES[now]} already")
     reply = yield SIMULATION_CONTROL, doc.SimulationControl(pause=wanted == _PAUSED)
     return _of_error(reply.error)
 
@@ -96,7 +97,7 @@ def _set_state(request: Any, _: Node) -> Steps:
 def _reset(request: Any, _: Node) -> Steps:
     scope = _RESETS.get(request.scope)
     if scope is None:
-        return _result(
+        return result(
             FEATURE_UNSUPPORTED,
             f"scope: {request.scope}: must be SCOPE_ALL, SCOPE_TIME or both time and state: what "
             "was spawned is kept",
@@ -108,10 +109,10 @@ def _reset(request: Any, _: Node) -> Steps:
 
 def _step(request: Any, _: Node) -> Steps:
     if not 1 <= request.steps <= _MOST_STEPS:
-        return _result(OPERATION_FAILED, f"steps: {request.steps}: must be 1 .. {_MOST_STEPS}")
+        return result(OPERATION_FAILED, f"steps: {request.steps}: must be 1 .. {_MOST_STEPS}")
     reply = yield SIMULATION_CONTROL, doc.SimulationControl()
     if _state_of(reply.stats) != _PAUSED:
-        return _result(OPERATION_FAILED, "the simulation must be PAUSED")
+        return result(OPERATION_FAILED, "the simulation must be PAUSED")
     reply = yield SIMULATION_CONTROL, doc.SimulationControl(step=int(request.steps))
     return _of_error(reply.error)
 
@@ -166,11 +167,11 @@ def _unfiltered(filters: Any) -> str:
 def _filtered(request: Any, _: Node) -> Steps:
     problem = _unfiltered(request.filters)
     if problem:
-        return _result(FEATURE_UNSUPPORTED, problem)
+        return result(FEATURE_UNSUPPORTED, problem)
     found = yield GET_ENTITIES, doc.GetEntities()
     pattern = re.compile(request.filters.filter)
     entities = [one for one in found.entities if pattern.search(one.name)]
-    return {"found": entities, **_result()}
+    return {"found": entities, **result()}
 
 
 def _get_entities(request: Any, node: Node) -> Steps:
@@ -191,30 +192,30 @@ def _get_entity_state(request: Any, _: Node) -> Steps:
     found = yield GET_ENTITIES, doc.GetEntities()
     for entity in found.entities:
         if entity.name == request.entity:
-            return {"state": _entity_state(entity), **_result()}
+            return {"state": _entity_state(entity), **result()}
     return _missing(request.entity)
 
 
 def _missing(name: str) -> Response:
-    return _result(NOT_FOUND, f"entity: {name!r:.80}: no such entity")
+    return result(NOT_FOUND, f"entity: {name!r:.80}: no such entity")
 
 
 def _set_entity_state(request: Any, _: Node) -> Steps:
     """Both forms of the request: that of 1.x, and that of 2.x, which says what to set."""
     state = request.state
     if state.header.frame_id not in _WORLD_FRAMES:
-        return _result(
+        return result(
             INVALID_POSE, f"state.header.frame_id: {state.header.frame_id!r:.40}: must be map"
         )
     # 1.x has no flags.
     for flag in ("set_twist", "set_acceleration"):
         if getattr(request, flag, False):
-            return _result(FEATURE_UNSUPPORTED, f"{flag}: must be false: only the pose can be set")
+            return result(FEATURE_UNSUPPORTED, f"{flag}: must be false: only the pose can be set")
     if not getattr(request, "set_pose", True):
-        return _result(OPERATION_FAILED, "set_pose: must be true: nothing else can be set")
+        return result(OPERATION_FAILED, "set_pose: must be true: nothing else can be set")
     parts = () if hasattr(request, "set_twist") else (state.twist.linear, state.twist.angular)
     if any((part.x, part.y, part.z) != (0.0, 0.0, 0.0) for part in parts):
-        return _result(FEATURE_UNSUPPORTED, "state.twist: must be zero: only the pose can be set")
+        return result(FEATURE_UNSUPPORTED, "state.twist: must be zero: only the pose can be set")
     if request.entity not in (yield from _names()):
         return _missing(request.entity)
     wanted = doc.SetEntityState(name=request.entity, **_placed(state.pose))
@@ -233,16 +234,16 @@ def _spawn(request: Any, _: Node) -> Steps:
     """Both forms of the request: that of 1.x, and that of 2.x with a Resource."""
     resource = getattr(request, "entity_resource", request)
     if resource.uri:
-        return _result(
+        return result(
             UNSUPPORTED_FORMAT, f"uri: {resource.uri!r:.80}: must be empty: give resource_string"
         )
     if not resource.resource_string:
-        return _result(NO_RESOURCE, "resource_string: must be an entity of /spawn_entity in JSON")
+        return result(NO_RESOURCE, "resource_string: must be an entity of /spawn_entity in JSON")
     if request.entity_namespace:
-        return _result(NAMESPACE_UNSUPPORTED, "entity_namespace: must be empty")
+        return result(NAMESPACE_UNSUPPORTED, "entity_namespace: must be empty")
     frame = request.initial_pose.header.frame_id
     if frame not in _WORLD_FRAMES:
-        return _result(INVALID_POSE, f"initial_pose.header.frame_id: {frame!r:.40}: must be map")
+        return result(INVALID_POSE, f"initial_pose.header.frame_id: {frame!r:.40}: must be map")
     try:
         entity = _ENTITY.validate_json(resource.resource_string)
         changes = _placed(request.initial_pose.pose)
@@ -252,13 +253,13 @@ def _spawn(request: Any, _: Node) -> Steps:
             entity=entity.model_copy(update=changes), allow_renaming=request.allow_renaming
         )
     except ValidationError as error:
-        return _result(PARSE_ERROR, f"resource_string: {one_line(error)}")
+        return result(PARSE_ERROR, f"resource_string: {one_line(error)}")
     if not request.allow_renaming and wanted.entity.name in (yield from _names()):
-        return _result(NAME_NOT_UNIQUE, f"name: {wanted.entity.name!r:.80}: is in use")
+        return result(NAME_NOT_UNIQUE, f"name: {wanted.entity.name!r:.80}: is in use")
     reply = yield SPAWN_ENTITY, wanted
     if reply.error:
-        return _result(OPERATION_FAILED, reply.error)
-    return {"entity_name": reply.name, **_result()}
+        return result(OPERATION_FAILED, reply.error)
+    return {"entity_name": reply.name, **result()}
 
 
 def _service(name: str, kind: str, owner: str, handle: Any, about: str) -> Service:
