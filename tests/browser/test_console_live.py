@@ -168,6 +168,7 @@ def live(browser: Browser, url: str) -> Iterator[Opened]:
     # Each test begins where the run began, not where the test before has driven to.
     with Bystander(url) as bystander:
         epoch = bystander.wait_kind("stats")["epoch"]
+        bystander.done(do="emergency_stop", stop=False)
         bystander.done(do="simulation", reset="all", pause=False, speed=1.0)
         bystander.wait_for(lambda: bystander.newest["stats"]["epoch"] > epoch)
         bystander.wait_for(lambda: "restarted" in bystander.newest)
@@ -805,6 +806,33 @@ def test_buttons_that_cannot_act_are_off(live: Opened) -> None:
     live.wait(lambda: resume.is_enabled() and pause.is_disabled())
     cancel.click()
     live.wait(lambda: all(button.is_disabled() for button in (cancel, pause, resume)))
+
+
+def test_the_robot_is_stopped_and_held_until_it_is_cleared(live: Opened) -> None:
+    page = live.page
+    x, y, _ = live.pose()
+    page.get_by_role("button", name="Goal").click()
+    page.mouse.click(*live.pixel(x - 0.9, y + 0.6))
+    live.wait(lambda: live.figure("speed")[0] > 0.1)
+    page.get_by_role("button", name="Stop", exact=True).click()
+    clear = page.get_by_role("button", name="Clear stop")
+    expect(clear).to_be_visible()
+    causes = page.locator("#stop-causes")
+    expect(causes).to_have_text("hold: emergency stop: Stop in the console; cleared by Clear stop")
+    expect(page.locator("#stop-level")).to_have_text("hold")
+    live.wait(lambda: live.figure("speed") == [0.0, 0.0])
+    at = live.pose()
+    since_s = live.time_s()
+    live.wait(lambda: live.time_s() > since_s + 3.0)
+    assert live.pose() == at
+    # Another page finds it so.
+    page.reload()
+    expect(clear).to_be_visible()
+    clear.click()
+    expect(page.get_by_role("button", name="Stop", exact=True)).to_be_visible()
+    live.wait(lambda: live.figure("speed")[0] > 0.1)
+    expect(causes).to_be_empty()
+    page.get_by_role("button", name="Cancel").click()
 
 
 def test_a_page_that_is_loaded_again_shows_what_it_showed(live: Opened) -> None:

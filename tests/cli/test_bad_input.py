@@ -89,6 +89,8 @@ ps --jsno : --jsno|--json
 ps --router-port 65536 : --router-port|65536
 logs navigatoin : navigatoin|did you mean navigation?
 logs --router-port : --router-port|a value
+stop --jsno : --jsno|--json
+stop smoke --clear : REASON|smoke|without --clear
 demo --console --router-port 65536 : --router-port|65536
 demo --no-tour : --no-tour|--console
 demo --console --no-tour --goal 1 0 0 : --no-tour|--goal

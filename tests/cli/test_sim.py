@@ -110,11 +110,28 @@ def test_a_simulation_is_controlled_from_the_command_line(
         _steps(endpoint)
         _refusals(endpoint)
         _pace_and_reset(endpoint)
+        _emergency_stop(endpoint)
         _a_goal_while_paused(opened, endpoint)
         _topics_while_paused(endpoint)
         _cut_short(opened, endpoint)
         _ended(opened, endpoint, process)
         del publishers
+
+
+def _emergency_stop(endpoint: str) -> None:
+    def stop(*arguments: str) -> subprocess.CompletedProcess[str]:
+        return mazebot("stop", *arguments, "--connect", endpoint)
+
+    def reason() -> str:
+        stats: dict[str, str] = json.loads(said(endpoint, "stats", "--json"))
+        return stats["emergency_stop"]
+
+    assert_one_line(stop("x" * 201), "stop: reason", "200")
+    assert reason() == ""
+    assert stop("the wheel is loose").stdout.startswith("stopped: ")
+    assert reason() == "the wheel is loose"
+    assert stop("--clear").stdout.startswith("cleared: ")
+    assert reason() == ""
 
 
 def test_another_world_is_loaded_and_stays_when_worldgen_is_killed(

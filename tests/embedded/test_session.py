@@ -11,7 +11,7 @@ import yaml
 from mazebot.common.config import ConfigError
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.action_documents import LoadWorld
-from mazebot.common.messages.documents import BodyEntity, Box, NavigationStatus, Shape
+from mazebot.common.messages.documents import BodyEntity, Box, NavigationStatus, Shape, StopCause
 from mazebot.common.messages.topics import (
     AMCL_POSE,
     CMD_VEL,
@@ -143,7 +143,10 @@ def test_a_reset_ends_the_goal(session: Session) -> None:
         session.reset()
     assert [result.error_code for result in results] == [WORLD_RESTARTED]
     status = session.latest(NAVIGATION_STATUS)
-    assert status == NavigationStatus(localization_active=False, navigation_active=False)
+    waits = StopCause(level="stop", cause="waiting for odometry", cleared_by="odometry")
+    assert status == NavigationStatus(
+        localization_active=False, navigation_active=False, stop_level="stop", stop_causes=(waits,)
+    )
     session.run_for(2.0)
     assert math.hypot(*session.ground_truth()[:2]) < 0.001
 

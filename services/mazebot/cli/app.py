@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Annotated, NoReturn
 
 import typer
+from pydantic import ValidationError
 
 from mazebot.cli import console, demo, entities, plan, sim, world
 from mazebot.cli.access import keys, security
@@ -28,7 +29,7 @@ from mazebot.cli.recordings import group as recordings_group
 from mazebot.cli.recordings.group import RecordingsDir, RunName
 from mazebot.cli.replay import command as replay
 from mazebot.cli.stack import commands as stack_commands
-from mazebot.common.config import ConfigError
+from mazebot.common.config import ConfigError, one_line
 from mazebot.common.files.version import mazebot_version
 from mazebot.common.problems import words
 
@@ -149,6 +150,29 @@ def cancel(as_json: Json = False, connect: Connect = _ROUTER) -> None:
     from mazebot.cli.drive.goal import cancel_goal  # noqa: PLC0415
 
     cancel_goal(connect, as_json)
+
+
+@app.command()
+def stop(
+    reason: Annotated[str, typer.Argument(metavar="[REASON]", help="told to those who look")] = "",
+    clear: Annotated[bool, typer.Option("--clear", help="let the robot move again")] = False,
+    as_json: Json = False,
+    connect: Connect = _ROUTER,
+) -> None:
+    """Emergency stop: stop the robot of a running stack, and hold it at rest until --clear.
+
+    A task waits meanwhile, and goes on then.
+    """
+    from mazebot.cli.drive.emergency_stop import emergency_stop  # noqa: PLC0415
+    from mazebot.common.messages.documents import EmergencyStop  # noqa: PLC0415
+
+    if clear and reason:
+        raise ConfigError(f"stop: REASON: {reason!r:.40}: must be given without --clear")
+    try:
+        asked = EmergencyStop(stop=not clear, reason=reason)
+    except ValidationError as error:
+        raise ConfigError(f"stop: {one_line(error)}") from error
+    emergency_stop(connect, asked, as_json)
 
 
 @topics_app.command("list")

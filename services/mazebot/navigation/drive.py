@@ -216,6 +216,15 @@ class Drive:
         assert measured.odom is not None
         robot, navigator = self.robot, self.navigator
         assert robot.view is not None
+        navigator.held = bool(measured.emergency_stop)
+        if navigator.held:
+            # The robot stands: nothing of before is gone on with when it may move again.
+            self._search = None
+            self.smoother.reset()
+            self.back_off.end()
+            self.giving_way.reset()
+            robot.controller_server.interrupt()
+            return None, navigator.step(now_ns)
         searching = measured.wants_motion(epoch)
         if navigator.request is None and not (searching and measured.is_searching()):
             self._search = None

@@ -35,6 +35,10 @@ _MOST_GOALS_TRIED = 4
 """Of goals that arrive together: planning a path to each takes milliseconds."""
 
 _ENDED_KEPT = 100
+_MOST_ENDS, _SOON_NS = 3, 30_000_000_000
+"""A goal on whose way navigation has ended so often, each time so soon after it was started again,
+would end it again.
+"""
 
 _RESUMED = (
     act.NavigateToPose, act.NavigateThroughPoses, act.FollowWaypoints, act.FollowPath,
@@ -55,6 +59,8 @@ class Goal(NamedTuple):
     asked: act.ActionGoal
     """As it was given."""
     start_ns: int
+    resumed: int = 0
+    """Times in a row that navigation ended soon on its way."""
 
 
 class Goals:
@@ -62,6 +68,7 @@ class Goals:
 
     def __init__(self) -> None:
         self.current: Goal | None = None
+        self._resumed_ns = 0
         self._results: list[tuple[Goal, TaskResult]] = []
         self._ended: deque[str] = deque(maxlen=_ENDED_KEPT)
         """Ids of goals: a request that comes twice must not be done twice."""
@@ -131,9 +138,11 @@ class Goals:
         self._keep(ended)
         self.current = goal
 
-    def remaining(self, feedback: TaskFeedback | None) -> Goal | None:
+    def remaining(self, now_ns: int, feedback: TaskFeedback | None) -> Goal | None:
         """The goal in progress, without what is done of it; None: there is none."""
         current = self.current
+        if current is not None and current.resumed and now_ns - self._resumed_ns > _SOON_NS:
+            current = self.current = current._replace(resumed=0)
         if current is None or feedback is None:
             return current
         asked = current.asked
@@ -154,12 +163,18 @@ class Goals:
         try:
             if self.current is not None:
                 raise NavigationError(ErrorCode.PREEMPTED, "preempted by a new goal")
+            if goal.resumed >= _MOST_ENDS:
+                raise NavigationError(
+                    ErrorCode.NAVIGATION_RESTARTED,
+                    f"navigation has ended {goal.resumed} times in a row on its way: see its log",
+                )
             if not isinstance(goal.asked, _RESUMED):
                 raise NavigationError(
                     ErrorCode.NAVIGATION_RESTARTED,
                     "navigation was restarted: how far the robot has moved is not known",
                 )
             self._start(now_ns, request, goal, ready)
+            self._resumed_ns = now_ns
         except NavigationError as error:
             _LOG.error("Goal ended with error %d: %s", error.code, error.message)
             ended = goal_result(request, now_ns, error.code, error.message)

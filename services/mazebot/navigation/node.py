@@ -28,6 +28,7 @@ from mazebot.common.messages.documents import (
     NavigationResult,
     NavigationStatus,
     SetParametersReply,
+    StopCause,
     World,
 )
 from mazebot.common.messages.error_codes import ErrorCode
@@ -132,6 +133,7 @@ from mazebot.navigation.messages import (
 from mazebot.navigation.queries import clear_costmap, compute_path, smooth_path
 from mazebot.navigation.robot.measurements import Measurements
 from mazebot.navigation.robot.robot_context import RobotContext
+from mazebot.navigation.robot.stop_level import severest, stop_causes
 
 _LOG = logging.getLogger("navigation")
 
@@ -176,7 +178,7 @@ class NavigationNode(Node):
         self._moving = False
         """Whether the last command published was not a stop."""
         self._was_active = False
-        self._status: tuple[bool, bool, str, SE2 | None, int] | None = None
+        self._status: tuple[bool, str, SE2 | None, int, tuple[StopCause, ...]] | None = None
         """The status last published, without the distance remaining."""
         self._monitor_state: MonitorState | None = None
         self._tree_log = TreeLog()
@@ -244,6 +246,7 @@ class NavigationNode(Node):
             _LOG.info("simulation restarted; resetting")
             self._reset(now_ns, "simulation restarted")
         for one in stats:
+            self._measured.emergency_stop = one.emergency_stop
             again = self._measured.take_watchdog_stops(one.watchdog_stops)
             if again and self._drive is not None and self._drive.navigator.request is not None:
                 _LOG.warning("the robot has stopped: velocity commands do not reach it in time")
@@ -288,7 +291,11 @@ class NavigationNode(Node):
             self._world.hash, self._watch.epoch,
         ):  # fmt: skip
             return
-        goal = Goal(kept.goal_id, kept.goal_stamp_ns, kept.goal, kept.start_ns)
+        goal = Goal(
+            kept.goal_id, kept.goal_stamp_ns, kept.goal, kept.start_ns, kept.resumed + 1
+        )  # fmt: skip
+        # Others keep it until they are told otherwise.
+        self._checkpoint = goal._replace(resumed=kept.resumed)
         self._goals.resume(now_ns, goal, self._ready_drive)
 
     def _take_world(self, now_ns: int, inbox: Inbox) -> None:
@@ -471,6 +478,8 @@ class NavigationNode(Node):
             if self._drive is None or measured.odom is None or self._base_from_depth is None:
                 continue
             scan = Scan.from_message(message, self._base_from_depth)
+            if any(self._drive.depth_sources):
+                measured.take_depth(stamp_ns)
             self._drive.take_depth_scan(scan, measured, self._watch.epoch)
 
     def _static_margin_m(self) -> float:
@@ -641,13 +650,15 @@ class NavigationNode(Node):
                         self._goals.current.goal_id, feedback, paused, goal, drive.stopped_at
                     ),
                 )
-        self._publish_checkpoint(outbox, feedback)
+        self._publish_checkpoint(now_ns, outbox, feedback)
         self._publish_status(now_ns, outbox, feedback)
 
-    def _publish_checkpoint(self, outbox: Outbox, feedback: TaskFeedback | None) -> None:
+    def _publish_checkpoint(
+        self, now_ns: int, outbox: Outbox, feedback: TaskFeedback | None
+    ) -> None:
         if self._kept is not None or not outbox.is_read(NAVIGATION_CHECKPOINT):
             return
-        goal = self._goals.remaining(feedback)
+        goal = self._goals.remaining(now_ns, feedback)
         if goal == self._checkpoint:
             return
         self._checkpoint = goal
@@ -660,6 +671,7 @@ class NavigationNode(Node):
                 goal_id="" if goal is None else goal.goal_id,
                 goal_stamp_ns=None if goal is None else goal.stamp_ns,
                 start_ns=0 if goal is None else goal.start_ns,
+                resumed=0 if goal is None else goal.resumed,
             ),
         )
 
@@ -719,6 +731,17 @@ class NavigationNode(Node):
             if drawn is not None:
                 outbox.put(TRAJECTORIES, trajectories_message(now_ns, drawn))
 
+    def _stop_causes(self, now_ns: int) -> tuple[StopCause, ...]:
+        """Why the robot does not drive as it could; what is new of it is said."""
+        timeout_s = self._config.controller_server.sensor_timeout
+        causes = stop_causes(self._measured, now_ns, timeout_s, self.waiting_for())
+        before = () if self._status is None else self._status[-1]
+        for cause in causes if causes != before else ():
+            # What stops the robot for a moment is said where it is noticed.
+            if cause.level != "stop" and cause not in before:
+                _LOG.warning("%s: %s; cleared by %s", cause.level, cause.cause, cause.cleared_by)
+        return causes
+
     def _publish_status(self, now_ns: int, outbox: Outbox, feedback: TaskFeedback | None) -> None:
         drive = self._drive
         request = drive.navigator.request if drive is not None else None
@@ -731,7 +754,8 @@ class NavigationNode(Node):
         if drive is not None and request is not None:
             state = drive.state()
         recoveries = feedback.number_of_recoveries if feedback is not None else 0
-        status = (localized, localized, state, goal, recoveries)
+        causes = self._stop_causes(now_ns)
+        status = (localized, state, goal, recoveries, causes)
         # Called on every step, so that the period counts from the last status published.
         due = self._schedule.is_due("status", now_ns, _STATUS_PERIOD_NS)
         if due or status != self._status:
@@ -742,6 +766,8 @@ class NavigationNode(Node):
                 goal=None if goal is None else planar_document(goal),
                 distance_remaining_m=0.0 if feedback is None else feedback.distance_remaining_m,
                 number_of_recoveries=recoveries,
+                stop_level=severest(causes),
+                stop_causes=causes,
             )
             outbox.put(NAVIGATION_STATUS, document)
         if localized != self._was_active:

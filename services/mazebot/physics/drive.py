@@ -40,6 +40,7 @@ class Drive:
         self._angular = 0.0
         self._commanded_ns: int | None = None
         self._braking = False
+        self._held = False
         self.watchdog_stops = 0
         """Times the watchdog stopped a robot whose command was not zero."""
 
@@ -62,9 +63,9 @@ class Drive:
     def command(self, linear_m_s: float, angular_rad_s: float, now_ns: int) -> None:
         """Set the target velocity of base_footprint, clamped to the limits.
 
-        A command that is not finite is ignored.
+        A command that is not finite is ignored, and any command while the robot is held.
         """
-        if not (math.isfinite(linear_m_s) and math.isfinite(angular_rad_s)):
+        if self._held or not (math.isfinite(linear_m_s) and math.isfinite(angular_rad_s)):
             return
         limits = self._limits
         self._target_linear = _clamp(linear_m_s, limits.linear_speed_m_s)
@@ -76,6 +77,16 @@ class Drive:
         """Time out the last command, because its source is gone."""
         if self._commanded_ns is not None:
             self._commanded_ns -= self._limits.timeout_ns
+
+    def hold(self) -> None:
+        """Brake as the watchdog does, and stay at rest until `release`."""
+        self._target_linear = self._target_angular = 0.0
+        self._commanded_ns = None
+        self._braking = self._held = True
+
+    def release(self) -> None:
+        """Obey commands again."""
+        self._held = False
 
     def restart_clock(self, now_ns: int) -> None:
         """Set the time from `now_ns` back to 0; the last command keeps its age."""

@@ -15,8 +15,10 @@ from mazebot.common.maths.frames import (
     SCAN_FRAME,
 )
 from mazebot.common.messages import messages as msg
+from mazebot.common.messages.action_documents import Reply
 from mazebot.common.messages.documents import (
     BodyEntity,
+    EmergencyStop,
     Entities,
     Planar,
     SimulationCheckpoint,
@@ -38,6 +40,7 @@ from mazebot.common.messages.topics import (
     DEPTH_IMAGE,
     DEPTH_INFO,
     DESIRED_ENTITIES,
+    EMERGENCY_STOP,
     ENTITIES,
     ENTITY_MARKERS,
     GROUND_TRUTH_ODOM,
@@ -87,6 +90,9 @@ _IMU_STEPS, _ODOM_STEPS = (steps_per_period(topic.rate_hz or 1.0) for topic in (
 _CHECKPOINT_STEPS = steps_per_period(SIMULATION_CHECKPOINT.rate_hz or 1.0)
 _WHEEL_STEPS = steps_per_period(10.0)
 """Steps between the frames of the wheels, which nothing but a drawing needs."""
+_TILT_HZ = 10.0
+_LEAST_UPRIGHT = 0.866
+"""Cosine of 30 degrees: a robot that is tilted by more does not stand on its wheels."""
 
 _OF_THE_WORLD: tuple[Topic[Any], ...] = (ASSETS, WORLD, DESIRED_ENTITIES)
 _log = logging.getLogger("physics")
@@ -158,6 +164,8 @@ class PhysicsNode(ClockNode):
         self._entity_markers = EntityMarkers()
         self._commander: str | None = None
         """The source of the last velocity command, while it is alive."""
+        self._emergency_stop = ""
+        """Why the robot is held at rest; empty: it is not."""
         self._simulation: Simulation | None = None
         self._placement: Placement | None = None
         self._surfaces: tuple[Surface, ...] = ()
@@ -230,6 +238,9 @@ class PhysicsNode(ClockNode):
         has_news, inbox.has_news = inbox.has_news, False
         for request in inbox.requests(SIMULATION_CONTROL) if has_news else ():
             self._take_in_control(request, inbox, outbox)
+        for stop in inbox.requests(EMERGENCY_STOP) if has_news else ():
+            self._take_in_emergency_stop(stop.message, outbox)
+            stop.respond(Reply())
         due = self.next_step_ns() == now_ns
         if not due:
             # A request may have paused or reset the simulation.
@@ -246,6 +257,26 @@ class PhysicsNode(ClockNode):
         if ended is not None:
             self._answer(ended, "")
             self._publish_stats(outbox)
+
+    def _take_in_emergency_stop(self, asked: EmergencyStop, outbox: Outbox) -> None:
+        """Hold the robot at rest, or let it move again. The first reason stands until then."""
+        if bool(self._emergency_stop) == asked.stop:
+            return
+        if asked.stop:
+            self._stop_for(" ".join(asked.reason.split()) or "requested", outbox)
+            return
+        _log.warning("emergency stop cleared (%s): the robot may move", self._emergency_stop)
+        self._emergency_stop = ""
+        if self._simulation is not None:
+            self._simulation.release()
+        self._publish_stats(outbox)
+
+    def _stop_for(self, reason: str, outbox: Outbox) -> None:
+        self._emergency_stop = reason
+        _log.error("emergency stop: %s: the robot is held until this is cleared", reason)
+        if self._simulation is not None:
+            self._simulation.hold()
+        self._publish_stats(outbox)
 
     def _take_in_messages(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
         if inbox.pending(SIMULATION_STATS):
@@ -380,7 +411,11 @@ class PhysicsNode(ClockNode):
     ) -> Simulation:
         """Raises ValueError, in one line, where the world cannot be built."""
         config = self._config.model_copy(update={"seed": seed})
-        return Simulation(world, self._model, config, meshes)
+        simulation = Simulation(world, self._model, config, meshes)
+        if self._emergency_stop:
+            # It holds whatever is reset or loaded.
+            simulation.hold()
+        return simulation
 
     def _answer(self, request: ControlRequest, error: str) -> None:
         stats = None if self._simulation is None else self._stats(self._simulation)
@@ -407,6 +442,8 @@ class PhysicsNode(ClockNode):
                 inbox.reject(CMD_VEL, "stale" if stamp_ns < now_ns else "stamp in the future")
             elif self._is_held_against(envelope.source, inbox):
                 inbox.reject(CMD_VEL, "another publisher is in control")
+            elif self._emergency_stop:
+                inbox.reject(CMD_VEL, "emergency stop")
             else:
                 self._commander = envelope.source
                 drive.command(command.twist.linear.x, command.twist.angular.z, now_ns)
@@ -510,6 +547,8 @@ class PhysicsNode(ClockNode):
 
     def _load(self, world: World, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
         kept, self._kept = self._kept, None
+        if kept is not None and not self._emergency_stop:
+            self._emergency_stop = kept.emergency_stop
         if kept is not None and kept.world_hash != world.hash:
             kept = None
         if kept is not None:
@@ -600,12 +639,13 @@ class PhysicsNode(ClockNode):
             (self._config.scan_rate_hz, self._put_scan),
             (BATTERY_STATE.rate_hz, self._put_battery),
             (SIMULATION_STATS.rate_hz, self._put_stats),
+            (_TILT_HZ, self._look_at_tilt),
             (SIMULATION_CHECKPOINT.rate_hz, self._put_checkpoint),
             (CLOCK.rate_hz, self._put_clock),
         ]
         if self._renderer is not None:
             # After the statistics, which wait for the hash of all pictures before.
-            rates.insert(6, (self._config.camera_rate_hz, self._put_picture))
+            rates.insert(-1, (self._config.camera_rate_hz, self._put_picture))
         periods = [(steps_per_period(rate or 1.0), report) for rate, report in rates]
         cycle = math.lcm(*(period for period, _ in periods))
         return [
@@ -678,7 +718,15 @@ class PhysicsNode(ClockNode):
             state_hash=simulation.state_hash.hex(),
             image_hash="" if self._renderer is None else simulation.image_hash.hex(),
             watchdog_stops=simulation.watchdog_stops,
+            emergency_stop=self._emergency_stop,
         )
+
+    def _look_at_tilt(self, simulation: Simulation, now_ns: int, outbox: Outbox) -> None:
+        """Stop a robot that has fallen: its wheels say nothing of where it is."""
+        upright = float(simulation.bodies.map_from_footprint()[2, 2])
+        if self._emergency_stop or upright >= _LEAST_UPRIGHT:
+            return
+        self._stop_for("the robot is tilted by more than 30 degrees", outbox)
 
     def _put_checkpoint(self, simulation: Simulation, now_ns: int, outbox: Outbox) -> None:
         outbox.offer(SIMULATION_CHECKPOINT, lambda: self._checkpoint(simulation))
@@ -699,6 +747,7 @@ class PhysicsNode(ClockNode):
             odom_covariance=tuple(simulation.odometry.planar_covariance),
             movers=tuple(movers),
             watchdog_stops=simulation.watchdog_stops,
+            emergency_stop=self._emergency_stop,
         )
 
     def _put_clock(self, _: Simulation, now_ns: int, outbox: Outbox) -> None:

@@ -45,6 +45,7 @@ class Simulation:
         self._config = config
         self.watchdog_stops_before = 0
         """Watchdog stops before the last rebuild."""
+        self._held = False
         self._build()
 
     def _build(self) -> None:
@@ -54,6 +55,8 @@ class Simulation:
         self.state_hash = StateHash()
         self.image_hash = ImageHash()
         self.drive = Drive(drive_limits(config))
+        if self._held:
+            self.drive.hold()
         self.contacts = ContactEvents()
         self.odometry = WheelOdometry(
             config.wheel_separation_m,
@@ -80,6 +83,16 @@ class Simulation:
             3 * config.camera_width_px * config.camera_height_px,
             random_generator(config.seed, "physics/camera"),
         )
+
+    def hold(self) -> None:
+        """Stop the robot and hold it at rest, whatever is commanded or rebuilt."""
+        self._held = True
+        self.drive.hold()
+
+    def release(self) -> None:
+        """Let the robot move again."""
+        self._held = False
+        self.drive.release()
 
     @property
     def watchdog_stops(self) -> int:

@@ -10,7 +10,13 @@ import pytest
 from mazebot.common.messages import action_documents as act
 from mazebot.common.messages import documents as doc
 from mazebot.common.messages import wire
-from mazebot.common.messages.topics import INPUT_AT_WAYPOINT, QUERIES, SIMULATION_STATS, Query
+from mazebot.common.messages.topics import (
+    EMERGENCY_STOP,
+    INPUT_AT_WAYPOINT,
+    QUERIES,
+    SIMULATION_STATS,
+    Query,
+)
 from mazebot.common.ros.own_services import OWN_QUERIES, OWN_SERVICES
 from tests.common.ros.test_simulation import answer
 from tests.common.samples import PLANAR, SAMPLES
@@ -83,6 +89,19 @@ def test_a_request_that_is_none_is_refused_with_its_field(
 def test_the_input_at_a_waypoint_is_a_trigger(error: str) -> None:
     response = answer(INPUT_AT_WAYPOINT.name, {}, lambda *_: act.Reply(error=error))
     assert (response.success, response.message) == (not error, error)
+
+
+@pytest.mark.parametrize("data", [True, False])
+def test_the_emergency_stop_is_set_and_cleared_by_a_bool(data: bool) -> None:
+    asked: list[Any] = []
+
+    def reply(_: Query[Any, Any], document: Any) -> Any:
+        asked.append(document)
+        return act.Reply()
+
+    response = answer(EMERGENCY_STOP.name, {"data": data}, reply)
+    assert asked == [doc.EmergencyStop(stop=data)]
+    assert (response.success, response.message) == (True, "")
 
 
 def test_each_service_is_of_the_node_that_answers_its_query() -> None:

@@ -160,6 +160,11 @@ def test_other_tasks_are_begun_paused_and_canceled(page: Page) -> None:
     assert page.done(do="pause_task", pause=True) == "paused: the robot stops"
     page.wait_for(lambda: page.newest["feedback"]["paused"])
     assert page.done(do="pause_task", pause=False) == "resumed: the robot continues"
+    assert page.done(do="emergency_stop", stop=True) == "stopped: the robot is held at rest"
+    page.wait_for(lambda: page.newest["stats"]["emergency_stop"] == "Stop in the console")
+    page.wait_for(lambda: page.newest["navigation"]["stop_level"] == "hold")
+    assert page.done(do="emergency_stop", stop=False) == "cleared: the robot may move"
+    page.wait_for(lambda: page.newest["navigation"]["stop_level"] == "none")
     assert page.done(do="clear_costmaps") == "costmaps cleared"
     assert page.done(do="cancel") == "canceled: the robot stops"
 

@@ -109,10 +109,11 @@ def test_requests_that_are_never_finished_keep_nobody_out(page: int) -> None:
                 stuck.sendall(b"GET / HTTP/1.1\r\nHost: ")
         start_s = time.monotonic()
         assert get(page, "/run.rrd").status == 200
-        assert time.monotonic() - start_s < 2.0
+        # Before those that are not finished would have been dropped anyway.
+        assert time.monotonic() - start_s < live_module.REQUEST_S
         # Dropped ones take a moment to return.
         wait_until(
-            lambda: threading.active_count() <= before + live_module.MAX_CONNECTIONS + 2, 10.0
+            lambda: threading.active_count() <= before + live_module.MAX_CONNECTIONS + 2, 30.0
         )
 
 

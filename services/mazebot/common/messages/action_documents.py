@@ -167,6 +167,7 @@ class NavigationCheckpoint(Document):
     goal_id: str = Field("", description="empty: it came on /goal_pose")
     goal_stamp_ns: int | None = Field(None, description="stamp of the message on /goal_pose")
     start_ns: int = 0
+    resumed: int = Field(0, description="times in a row that navigation ended soon on its way")
 
 
 class ComputePath(Document):

@@ -405,6 +405,10 @@ SIMULATION_CONTROL = Query(
     "/simulation/control", doc.SimulationControl, doc.SimulationControlReply, "physics",
     "pause, resume, step, reset, seed, speed, run until",
 )  # fmt: skip
+EMERGENCY_STOP = Query(
+    "/emergency_stop", doc.EmergencyStop, act.Reply, "physics",
+    "stop the robot and hold it at rest, or let it move again",
+)  # fmt: skip
 CANCEL_GOAL = Query(
     "/navigate_to_pose/_action/cancel_goal", doc.CancelGoal, doc.CancelGoalReply, "navigation",
     "cancel the current goal",

@@ -10,8 +10,10 @@ from typing import Any, Final
 
 from mazebot.common.messages import document_types, wire
 from mazebot.common.messages.action_documents import Empty
+from mazebot.common.messages.documents import EmergencyStop
 from mazebot.common.messages.topics import (
     CLEAR_COSTMAP,
+    EMERGENCY_STOP,
     INPUT_AT_WAYPOINT,
     PAUSE_GOAL,
     SIMULATION_CONTROL,
@@ -56,6 +58,11 @@ def _input(_: Any, __: Node) -> Steps:
     return {"success": not reply.error, "message": reply.error}
 
 
+def _emergency_stop(request: Any, _: Node) -> Steps:
+    reply = yield EMERGENCY_STOP, EmergencyStop(stop=bool(request.data))
+    return {"success": not reply.error, "message": reply.error}
+
+
 OWN_SERVICES: Final = (
     *(
         Service(query.name, type_of(query), query.owner, _asking(query), query.about)
@@ -64,5 +71,9 @@ OWN_SERVICES: Final = (
     Service(
         INPUT_AT_WAYPOINT.name, "std_srvs/srv/Trigger", INPUT_AT_WAYPOINT.owner, _input,
         INPUT_AT_WAYPOINT.about,
+    ),
+    Service(
+        EMERGENCY_STOP.name, "std_srvs/srv/SetBool", EMERGENCY_STOP.owner, _emergency_stop,
+        EMERGENCY_STOP.about,
     ),
 )  # fmt: skip

@@ -104,6 +104,12 @@ def _pause_task(robot: Robot, action: pm.PauseTask) -> str:
     return "paused: the robot stops" if action.pause else "resumed: the robot continues"
 
 
+def _emergency_stop(robot: Robot, action: pm.EmergencyStop) -> str:
+    asked = doc.EmergencyStop(stop=action.stop, reason="Stop in the console" * action.stop)
+    _ask(robot, tp.EMERGENCY_STOP, asked)
+    return "stopped: the robot is held at rest" if action.stop else "cleared: the robot may move"
+
+
 def _dock(robot: Robot, action: pm.Dock) -> str:
     return _start(robot, act.DockRobot(dock_id=action.dock_id), f"docking at {action.dock_id}")
 
@@ -160,6 +166,7 @@ _HANDLERS: dict[type, Callable[[Robot, Any], str]] = {
     pm.Remove: _remove,
     pm.Cancel: _cancel,
     pm.PauseTask: _pause_task,
+    pm.EmergencyStop: _emergency_stop,
     pm.Dock: _dock,
     pm.Undock: _undock,
     pm.Spin: _spin,

@@ -148,6 +148,13 @@ class Drive(doc.Document):
     ]
 
 
+class EmergencyStop(doc.Document):
+    """Stop the robot and hold it at rest, or let it move again."""
+
+    do: Literal["emergency_stop"]
+    stop: bool
+
+
 class Stop(doc.Document):
     """No velocity is wanted any more."""
 
@@ -163,7 +170,8 @@ class Show(doc.Document):
 
 Action = Annotated[
     Goal | InitialPose | Waypoints | DropBox | Remove | Dock | Undock | Spin | BackUp | Cancel
-    | PauseTask | ClearCostmaps | FindRobot | Explore | Simulation | Drive | Stop | Show,
+    | PauseTask | EmergencyStop | ClearCostmaps | FindRobot | Explore | Simulation | Drive | Stop
+    | Show,
     Field(discriminator="do"),
 ]  # fmt: skip
 

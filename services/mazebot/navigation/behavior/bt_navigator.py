@@ -53,7 +53,7 @@ from mazebot.navigation.errors import NavigationError
 
 _LOG = logging.getLogger("navigation")
 
-Hold = Literal["", "paused", "lost", "gives way"]
+Hold = Literal["", "held", "paused", "lost", "gives way"]
 
 
 class BtNavigatorParams(Params):
@@ -158,6 +158,8 @@ class BtNavigator:
         self._last_ns: int | None = None
         self.gives_way = False
         """Whether the robot gets out of something's way: the caller drives it meanwhile."""
+        self.held = False
+        """Whether the robot may not move until a person clears it."""
         self.hold: Hold = ""
         """Why the task stood still in the last step."""
 
@@ -249,6 +251,8 @@ class BtNavigator:
         return self._running.task.running_tree() if self._running else None
 
     def _holds(self, running: _Running) -> Hold:
+        if self.held:
+            return "held"
         if self._paused:
             return "paused"
         if running.task.needs_localization and not self._context.is_localized():

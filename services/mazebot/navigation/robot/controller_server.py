@@ -52,6 +52,9 @@ class ControllerServerParams(RobotLimits):
     sensor_timeout: float = Field(
         0.5, gt=0, description="s; the robot stops if odometry or the scan is older than this"
     )
+    slowdown_ratio: float = Field(
+        0.5, gt=0, le=1, description="factor of max_linear_vel while the depth camera is silent"
+    )
 
     def params_of(self, name: str) -> ControllerParams | dict[str, object]:
         """Parameters of the controller of a name."""

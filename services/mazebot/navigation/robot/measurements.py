@@ -13,6 +13,7 @@ from mazebot.common.maths.frames import SE2, Array, wrap_angle
 from mazebot.common.maths.odometry_history import OdometryHistory
 from mazebot.common.messages.documents import LocalizationStatus
 from mazebot.common.messages.scan import Scan
+from mazebot.common.messages.topics import AMCL_POSE, ODOM, SCAN
 from mazebot.navigation.behavior.context import BatteryCharge
 from mazebot.navigation.control.collision import STOP, Velocity, stands
 from mazebot.navigation.control.safety.collision_monitor import moved_points
@@ -30,6 +31,10 @@ _STARTED_M, _STARTED_RAD = 0.02, 0.05
 _STATIC_MARGIN_M = 0.05
 _SIGMAS = 3.0
 """An echo is a wall's within a cell of it and so many standard deviations of the pose."""
+_SILENT_PERIODS = 3.0
+"""A camera that has sent none of so many pictures is silent,"""
+_SILENT_S = 1.0
+"""and after this long at least: recognition may take its time."""
 _JUMP_M, _JUMP_RAD = 0.3, 0.3
 """A correction of the pose by more than this is a jump."""
 
@@ -47,10 +52,12 @@ class Measurements:
 
     def __init__(self) -> None:
         self.localization: LocalizationStatus | None = None
+        self.emergency_stop = ""
+        """Why the robot is held at rest until a person clears it; empty: it is not."""
         self.clear()
 
     def clear(self) -> None:
-        """Drop everything but the state of localization."""
+        """Drop everything but the state of localization and the emergency stop."""
         self.odom: tuple[int, SE2] | None = None
         self.odometry = OdometryHistory()
         self.velocity = STOP
@@ -71,6 +78,9 @@ class Measurements:
         """Who sends odometry, the state of localization and the scan: message sources by topic."""
         self.lost: tuple[str, ...] = ()
         """The topics of these whose source is gone: nothing new will come of it."""
+        self._depth_ns: int | None = None
+        """Stamp of the newest scan of the depth camera."""
+        self._depth_period_ns = 0
 
     def take_localization(self, status: LocalizationStatus) -> bool:
         """Take the state of localization; whether a pose was found where it was sought before."""
@@ -83,6 +93,19 @@ class Measurements:
         points_m = scan_points(replace(scan, ranges_m=denoised_ranges(scan.ranges_m)))
         self.echoes = Echoes(scan.stamp_ns, self.odom[1], points_m)
         self._scans.append((scan, self.odom[1]))
+
+    def take_depth(self, stamp_ns: int) -> None:
+        """Note that a scan of the depth camera has come."""
+        if self._depth_ns is not None:
+            self._depth_period_ns = stamp_ns - self._depth_ns
+        self._depth_ns = stamp_ns
+
+    def is_depth_silent(self, now_ns: int) -> bool:
+        """Whether the depth camera, which was there, sends no more."""
+        if self._depth_ns is None:
+            return False
+        patience_ns = max(_SILENT_S * 1e9, _SILENT_PERIODS * self._depth_period_ns)
+        return now_ns - self._depth_ns > patience_ns
 
     def take_teleop(self, now_ns: int, command: Velocity) -> None:
         """Keep a teleoperation command."""
@@ -157,15 +180,19 @@ class Measurements:
 
     def is_blind(self, now_ns: int, timeout_s: float) -> bool:
         """Whether odometry, its correction or the scan is too old, or comes no more."""
-        return bool(self.lost) or now_ns - self._oldest_ns(now_ns) > timeout_s * 1e9
+        return bool(self.lost) or bool(self.too_old(now_ns, timeout_s))
 
-    def _oldest_ns(self, now_ns: int) -> int:
-        """Stamp of the oldest of odometry, its correction and the scan."""
+    def too_old(self, now_ns: int, timeout_s: float) -> tuple[str, ...]:
+        """The topics of odometry, its correction and the scan whose newest message is too old."""
         assert self.odom is not None
-        # A pose that is not known has no age; an old one stops the robot.
-        pose_ns = now_ns if self.map_from_odom is None else self.map_from_odom[0]
-        echoes_ns = self.echoes.stamp_ns if self.echoes is not None else self.odom[0]
-        return min(self.odom[0], echoes_ns, pose_ns)
+        oldest_ns = now_ns - timeout_s * 1e9
+        # What is not known yet has no age.
+        stamps_ns = (
+            (ODOM.name, self.odom[0]),
+            (SCAN.name, now_ns if self.echoes is None else self.echoes.stamp_ns),
+            (AMCL_POSE.name, now_ns if self.map_from_odom is None else self.map_from_odom[0]),
+        )
+        return tuple(topic for topic, stamp_ns in stamps_ns if stamp_ns < oldest_ns)
 
     def static_margin_m(self, most_m: float) -> float:
         """How near to a wall of the map an echo is taken for the wall's: by the pose's error."""
@@ -202,6 +229,7 @@ class Measurements:
             len(hidden_m),
             self.is_heard,
             self.battery,
+            self.is_depth_silent(now_ns),
         )
 
     def _echoes_now(self) -> Array:

@@ -96,6 +96,8 @@ class RobotContext:
         limit_m_s = speed_limit_m_s(
             self.zones, server.followed, pose, late_m, server.params.max_linear_vel
         )
+        if view.slows_down:
+            limit_m_s = min(limit_m_s, server.params.slowdown_ratio * server.params.max_linear_vel)
         return Surroundings(
             pose, self.costmap.master, view.echoes_m, self.footprint, view.tracks,
             view.velocity, min_echoes=_MIN_ECHOES, speed_limit_m_s=limit_m_s,

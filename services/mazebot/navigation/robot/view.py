@@ -31,6 +31,8 @@ class View:
     is_heard: bool = True
     """Whether commands reach the robot in time, as far as is known."""
     battery: BatteryCharge | None = None
+    slows_down: bool = False
+    """Whether a sensor that it could do without is silent."""
 
     @property
     def scanned_m(self) -> Array:

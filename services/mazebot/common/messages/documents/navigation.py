@@ -43,6 +43,14 @@ class LocalizationCheckpoint(Document):
     )
 
 
+class StopCause(Document):
+    """Why the robot does not drive as it could, and what ends that."""
+
+    level: Literal["slowdown", "stop", "hold"]
+    cause: str
+    cleared_by: str = Field(description="what ends it: a message, or a person")
+
+
 class NavigationStatus(Document):
     """The state of localisation and navigation."""
 
@@ -52,6 +60,12 @@ class NavigationStatus(Document):
     goal: Planar | None = None
     distance_remaining_m: Finite = 0.0
     number_of_recoveries: int = 0
+    stop_level: Literal["none", "slowdown", "stop", "hold"] = Field(
+        "none",
+        description="what the robot may do, by what is still to be trusted: `slowdown` and `stop` "
+        "end by themselves, `hold` only when a person clears it",
+    )
+    stop_causes: tuple[StopCause, ...] = Field((), description="the most severe first")
 
 
 class NavigationResult(Document):

@@ -105,6 +105,9 @@ class SimulationStats(Document):
     )
     image_hash: str = Field("", description="chained hash of the camera images of this epoch")
     watchdog_stops: int = Field(0, description="times the velocity watchdog stopped the robot")
+    emergency_stop: str = Field(
+        "", description="why the robot is held at rest until it is cleared; empty: it is not"
+    )
 
     @property
     def run_epoch(self) -> int:
@@ -141,6 +144,14 @@ class SimulationCheckpoint(Document):
     )
     movers: tuple[BodyCheckpoint, ...] = ()
     watchdog_stops: int = 0
+    emergency_stop: str = Field("", description="see SimulationStats")
+
+
+class EmergencyStop(Document):
+    """Requests that the robot stop and be held at rest, or that it may move again."""
+
+    stop: bool
+    reason: str = Field("", max_length=200, description="of a stop: why, for those who look")
 
 
 class SimulationControlReply(Document):

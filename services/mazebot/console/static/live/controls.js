@@ -50,6 +50,7 @@ export class Controls {
     const drives = runs && this.#isActive;
     const can = {
       pause: runs, step: runs, speed: runs, reset: runs,
+      "emergency-stop": runs && this.#services.has("physics"),
       cancel: runs && this.#hasTask,
       "pause-task": runs && this.#hasTask && !this.#isPaused,
       "resume-task": runs && this.#hasTask && this.#isPaused,

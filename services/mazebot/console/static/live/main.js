@@ -10,6 +10,7 @@ import { Plan } from "./plan.js";
 import { PlotsView } from "./plots_view.js";
 import { RerunPane } from "./rerun_pane.js";
 import { Scene } from "./scene.js";
+import { StopLevel } from "./stop_level.js";
 import { Teleop } from "./teleop.js";
 
 const REMOVE_PX = 40;
@@ -48,7 +49,8 @@ const link = new Link(take, (isOpen) => {
 const teleop = new Teleop(link, $("joystick"));
 const rerun = new RerunPane($("rerun"), () => panels.run, () => scene.pose?.time_s ?? 0);
 const plots = new PlotsView($("plots-view"), (timeS) => seek(timeS));
-const parts = [controls, camera, plots];
+const stopLevel = new StopLevel();
+const parts = [controls, camera, plots, stopLevel];
 let tool = "move";
 
 function take(kind, content, data) {
@@ -328,6 +330,7 @@ const CLICKS = {
       ask({ do: "simulation", reset: "all" });
     }
   },
+  "emergency-stop": () => ask({ do: "emergency_stop", stop: !stopLevel.isHeld }),
   cancel: () => ask({ do: "cancel" }),
   "pause-task": () => ask({ do: "pause_task", pause: true }),
   "resume-task": () => ask({ do: "pause_task", pause: false }),

@@ -186,8 +186,9 @@ export class Panels {
 
   #showNavigation(status) {
     const active = status.localization_active && status.navigation_active;
-    $("task-state").textContent = active ? status.state : "not active";
-    $("task-state").className = `badge ${active ? (status.state === "recovering" ? "warn" : "good") : "warn"}`;
+    const state = status.stop_level === "hold" ? "held" : status.state;
+    $("task-state").textContent = active ? state : "not active";
+    $("task-state").className = `badge ${active && !["held", "recovering"].includes(state) ? "good" : "warn"}`;
     if (active && status.state === "idle" && !status.goal && $("task").textContent.includes(" left")) {
       $("task").textContent = "no task";
     }
