@@ -54,6 +54,8 @@ def test_only_what_may_never_be_lost_counts(tmp_path: Path) -> None:
         counts["/navigation/result"] = {"lost": lost}
         (tmp_path / run / "summary.json").write_text(json.dumps({"messages": counts}))
     assert lost_of(tmp_path) == {"/navigation/result": 3}
+    # There was no router for a while.
+    assert lost_of(tmp_path, {"two"}) == {}
 
 
 @pytest.mark.parametrize("arguments", [["--minutes", "0"], ["--minutes-a-world", "0"]])

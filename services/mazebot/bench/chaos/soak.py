@@ -9,7 +9,7 @@ import json
 import sys
 import tempfile
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -104,12 +104,18 @@ def samples_of(stack: Stack, wall_s: float) -> Iterator[Sample]:
         yield Sample(service, process, wall_s, memory_mb, files)
 
 
-def lost_of(recordings: Path) -> dict[str, int]:
+def lost_of(recordings: Path, cut: Collection[str] = ()) -> dict[str, int]:
     """Messages that may never be lost and were, by topic, over all runs in a folder. What comes
-    regularly is followed by the next one: it may be lost while there is no router.
+    regularly is followed by the next one.
+
+    Args:
+        recordings: the folder of the runs.
+        cut: the names of runs in which there was no router for a while, which explains it.
     """
     lost: dict[str, int] = {}
     for summary in sorted(recordings.glob(f"*/{SUMMARY}")):
+        if summary.parent.name in cut:
+            continue
         messages = json.loads(summary.read_text(encoding="utf-8"))["messages"]
         for name, counts in messages.items():
             topic = BY_NAME.get(name)
@@ -129,6 +135,8 @@ class _Soak:
         self.trials: list[Trial] = []
         self.samples: list[Sample] = []
         self.worlds: list[str] = [WORLDS[0]]
+        self.cut: set[str] = set()
+        """The runs in which the router was killed."""
         self._stack, self._witness = stack, witness
         self._task = Drive(witness, seed)
         self._random = random_generator(seed, "soak/faults")
@@ -158,6 +166,9 @@ class _Soak:
         fault = Fault("kill", (services[int(self._random.integers(len(services)))],))
         trial = Trial(fault.name, len(self.trials))
         self._sample()
+        if "router" in fault.services:
+            runs = [path.parent.name for path in self._stack.recordings.glob(f"*/{SUMMARY}")]
+            self.cut.update(sorted(runs)[-1:])
         try:
             try_one(self._stack, self._witness, self._task, fault, trial)
         except ConfigError as error:
@@ -247,7 +258,7 @@ def _run(stack: Stack, options: argparse.Namespace) -> tuple[_Soak, list[str], d
             witness.close()
     finally:
         stack.stop()
-    return soak, faults_of_recordings(stack.recordings), lost_of(stack.recordings)
+    return soak, faults_of_recordings(stack.recordings), lost_of(stack.recordings, soak.cut)
 
 
 def _options(arguments: Sequence[str]) -> argparse.Namespace:

@@ -26,7 +26,11 @@ if TYPE_CHECKING:
 _LOG = logging.getLogger("recorder")
 
 JOIN_TIMEOUT_S = 6.0
-"""Wall time at a run's end to merge several parts, or to repair one without its end."""
+"""Wall time at a run's end to merge several parts."""
+REPAIR_TIMEOUT_S = 30.0
+"""The same where one of them lacks its end: else the run stays incomplete until the next recorder.
+Half of what Compose and `mazebot up` give the recorder to end.
+"""
 MOST_JOINED_BYTES = 200_000_000
 """Whole parts that are larger together stay as they are: a viewer reads them as one."""
 MOST_CHUNKS = 50_000
@@ -198,7 +202,9 @@ class RunDrawing:
         is_large = sum(part.stat().st_size for part in parts) > MOST_JOINED_BYTES
         if not parts or (not must and (is_large or (len(parts) == 1 and timeout_s <= 0.0))):
             return True
-        if must or len(parts) > 1:
+        if must:
+            timeout_s = max(timeout_s, REPAIR_TIMEOUT_S)
+        elif len(parts) > 1:
             timeout_s = max(timeout_s, JOIN_TIMEOUT_S)
         # If this times out, parts that were properly ended stay as they are.
         problem = Rewriting(parts).run(timeout_s)
