@@ -38,7 +38,7 @@ from tests.perception.scene import CAMERA, camera_from_marker, render
 COMMANDS = commands()
 ON_A_STACK = {
     *("goal", "cancel", "sim", "spawn", "move", "remove", "entities", "topic", "waypoints"),
-    *("spin", "backup", "dock", "undock", "teleop"),
+    *("spin", "backup", "dock", "undock", "teleop", "stop"),
 }
 OF_A_STACK = {"up", "down", "ps", "logs"}
 ENDLESS = (
