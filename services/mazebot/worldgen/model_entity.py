@@ -50,17 +50,31 @@ class Model:
     """Pictures and meshes of visuals that cannot be had, a line each."""
     ignored: tuple[str, ...] = ()
     """Contents of the files that are not simulated, one line each."""
+    name: str = ""
+    """As its file says; empty for a mesh."""
 
 
 def find_model(name: str, roots: Sequence[Path] = ()) -> Path:
     """The file or folder of a model: a path, or the name of a folder in one of the roots or among
     the shipped models. Raises ConfigError.
     """
+    try:
+        if Path(name).exists():
+            return Path(name)
+    except (OSError, ValueError):
+        pass
+    return named_model(name, roots)
+
+
+def named_model(name: str, roots: Sequence[Path] = ()) -> Path:
+    """The folder of a model by its name, in one of the roots or among the shipped models. Raises
+    ConfigError.
+    """
     folders = [*roots, SHIPPED]
-    for path in (Path(name), *(folder / name for folder in folders)):
+    for folder in folders:
         try:
-            if path.exists():
-                return path
+            if (folder / name).exists():
+                return folder / name
         except (OSError, ValueError):
             continue
     known = sorted({p.parent.name for folder in folders for p in folder.glob("*/model.config")})
@@ -93,6 +107,7 @@ def read_model(
     static = all(link.static for link in links)
     return dataclasses.replace(
         made,
+        name=model.name,
         mass_kg=0.0 if static else sum(link.mass_kg for link in links),
         marker=marker if "marker" in marker else {},
         missing=tuple(missing),

@@ -21,6 +21,7 @@ from mazebot.common.messages.topics import (
     LOAD_MAP,
     LOAD_WORLD,
     MAP,
+    READ_MODEL,
     WORLD,
     WORLD_REQUEST,
     WORLD_STATUS,
@@ -32,6 +33,7 @@ from mazebot.common.world.assets import asset_message
 from mazebot.common.world.map_files import MapFile, read_map
 from mazebot.common.world.marker_file import marker_file_of, read_markers
 from mazebot.worldgen.config import WorldgenConfig
+from mazebot.worldgen.model_reading import entity_of
 from mazebot.worldgen.recipe.loaded_world import LoadedWorld
 from mazebot.worldgen.recipe.loader import load_world
 from mazebot.worldgen.recipe.sources import full_name, known_worlds
@@ -84,6 +86,8 @@ class WorldgenNode(Node):
             wanted.respond(self._load_world(wanted.message, outbox))
         for asked in inbox.requests(GET_WORLDS):
             asked.respond(self._worlds())
+        for read in inbox.requests(READ_MODEL):
+            read.respond(entity_of(read.message, self._config.worlds_dir / "models"))
         for map_wanted in inbox.requests(LOAD_MAP):
             map_wanted.respond(self._load_map(map_wanted.message, outbox))
 

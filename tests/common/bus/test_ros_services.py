@@ -16,9 +16,16 @@ from mazebot.common.bus.session import open_session
 from mazebot.common.config import ServiceConfig
 from mazebot.common.messages import documents as doc
 from mazebot.common.messages.keys import Keys
-from mazebot.common.messages.topics import SIMULATION_CONTROL, asked_of
+from mazebot.common.messages.topics import (
+    GET_ENTITIES,
+    SIMULATION_CONTROL,
+    SPAWN_ENTITY,
+    asked_of,
+)
 from mazebot.common.node.node import Inbox, Node, Outbox
 from mazebot.common.ros.interfaces import interfaces
+from mazebot.worldgen.config import WorldgenConfig
+from mazebot.worldgen.node import WorldgenNode
 from tests.common.bus.ros_client import GID, RefusedError, ask, call
 from tests.common.bus.running import Running
 
@@ -129,6 +136,35 @@ def test_a_fault_of_a_handler_is_an_error_of_its_request_alone(
         with pytest.raises(RefusedError, match="/get_simulation_state: internal error"):
             call(session, "/get_simulation_state", GET)
     assert "NoneType" in caplog.text
+
+
+class Spawner(Node):
+    """Spawns whatever is asked for."""
+
+    name = "spawner"
+    _config = ServiceConfig()
+
+    def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
+        for request in inbox.requests(SPAWN_ENTITY):
+            request.respond(doc.EntityReply(name=request.message.entity.name))
+        for asked in inbox.requests(GET_ENTITIES):
+            asked.respond(doc.Entities(world_hash=""))
+
+
+def test_what_a_service_needs_of_another_one_is_asked_of_it(started: Start) -> None:
+    spawn = "simulation_interfaces/srv/SpawnEntity"
+    crate = (
+        "<sdf version='1.9'><model name='crate'><link name='l'><collision name='c'><geometry>"
+        "<box><size>1 1 1</size></box></geometry></collision></link></model></sdf>"
+    )
+    _, session, _ = started(Spawner())
+    with pytest.raises(RefusedError, match="/spawn_entity: no reply: worldgen is not running"):
+        call(session, "/spawn_entity", spawn, {"resource_string": crate})
+    started(WorldgenNode(WorldgenConfig()))
+    answered = call(session, "/spawn_entity", spawn, {"resource_string": crate})
+    assert (answered.result.result, answered.entity_name) == (1, "crate")
+    answered = call(session, "/spawn_entity", spawn, {"resource_string": "<sdf"})
+    assert answered.result.result == 106
 
 
 def test_the_plain_wire_has_none(started: Start) -> None:

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from mazebot.common.config import ServiceConfig
 from mazebot.common.messages import documents as doc
-from mazebot.common.messages.topics import Query
+from mazebot.common.messages.topics import READ_MODEL, Query
 from mazebot.common.node.node import Inbox, Node, Outbox
 from mazebot.common.ros import simulation as sim
 from mazebot.common.ros.interfaces import interfaces
 from mazebot.common.ros.table import ROS_SERVICES, services_of
+from mazebot.worldgen.model_reading import entity_of
 
 BOX = {
     "name": "box", "kind": "body", "position_m": [0, 0, 0],
@@ -42,6 +44,8 @@ class Spawner:
     def __call__(self, query: Query[Any, Any], document: Any) -> Any:
         assert isinstance(document, query.request)
         self.asked.append(document)
+        if query is READ_MODEL:
+            return entity_of(document)
         if query.response is doc.Entities:
             return doc.Entities(world_hash="", entities=(BODY, OTHER))
         return doc.EntityReply(error=self._error, name="box_1")
@@ -87,7 +91,11 @@ def test_an_entity_is_spawned_by_both_forms_of_the_request(distro: str) -> None:
     [
         ({"uri": "file:///box.sdf"}, sim.UNSUPPORTED_FORMAT, "uri"),
         ({}, sim.NO_RESOURCE, "resource_string"),
-        ({"resource_string": "<sdf/>"}, sim.PARSE_ERROR, "resource_string"),
+        ({"resource_string": "<sdf/>"}, sim.PARSE_ERROR, "resource_string.sdf"),
+        ({"resource_string": "<robot"}, sim.PARSE_ERROR, "resource_string.urdf"),
+        ({"resource_string": "{}", "uri": "model://sun"}, sim.UNSUPPORTED_FORMAT, "uri"),
+        ({"uri": "model://../worlds"}, sim.UNSUPPORTED_FORMAT, "uri"),
+        ({"uri": "model://no_such_model"}, sim.NO_RESOURCE, "must be"),
         ({"resource_string": '{"kind": "body"}'}, sim.PARSE_ERROR, "Field required"),
         (
             {"resource_string": json.dumps(BOX), "entity_namespace": "a"},
@@ -112,6 +120,58 @@ def test_what_cannot_be_spawned_says_why(values: Mapping[str, Any], code: int, t
     assert response.result.result == code
     assert text in response.result.error_message
     assert not any(isinstance(one, doc.SpawnEntity) for one in spawner.asked)
+
+
+SDF = """<?xml version="1.0"?>
+<sdf version="1.9"><model name="crate"><link name="link">
+  <inertial><mass>2.5</mass></inertial>
+  <collision name="c"><geometry><box><size>0.3 0.2 0.4</size></box></geometry></collision>
+  <visual name="v"><geometry><box><size>0.3 0.2 0.4</size></box></geometry></visual>
+</link></model></sdf>"""
+URDF = """<robot name="post"><link name="base">
+  <collision><geometry><cylinder radius="0.1" length="0.5"/></geometry></collision>
+</link></robot>"""
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "given", "mass_kg"),
+    [(SDF, "", "crate", 2.5), (SDF, "mine", "mine", 2.5), (URDF, "", "post", None)],
+)
+def test_a_model_of_gazebo_is_spawned(
+    text: str, name: str, given: str, mass_kg: float | None
+) -> None:
+    pose = {"position": {"x": 0.5, "y": -0.9, "z": 0.2}, "orientation": {"w": 1.0}}
+    values = {"name": name, "resource_string": text, "initial_pose": {"pose": pose},
+              "allow_renaming": True}  # fmt: skip
+    spawner = Spawner()
+    response = answer("/spawn_entity", values, spawner)
+    assert response.result.result == sim.OK, response.result.error_message
+    wanted = spawner.asked[-1]
+    assert (wanted.entity.name, wanted.entity.position_m) == (given, (0.5, -0.9, 0.2))
+    assert wanted.entity.shapes
+    if mass_kg is not None:
+        assert wanted.entity.mass_kg == mass_kg
+
+
+@pytest.mark.parametrize("uri", ["unit_box", "model://unit_box"])
+def test_a_model_is_spawned_by_its_name(uri: str, tmp_path: Path) -> None:
+    folder = tmp_path / "unit_box"
+    folder.mkdir()
+    (folder / "model.config").write_text("<model><sdf version='1.9'>model.sdf</sdf></model>")
+    (folder / "model.sdf").write_text(SDF)
+
+    class Shelf(Spawner):
+        def __call__(self, query: Query[Any, Any], document: Any) -> Any:
+            return (
+                entity_of(document, tmp_path)
+                if query is READ_MODEL
+                else super().__call__(query, document)
+            )
+
+    spawner = Shelf()
+    response = answer("/spawn_entity", {"uri": uri, "allow_renaming": True}, spawner)
+    assert response.result.result == sim.OK, response.result.error_message
+    assert spawner.asked[-1].entity.name == "crate"
 
 
 def test_entities_are_listed_by_the_pattern_of_their_names() -> None:

@@ -119,6 +119,9 @@ def _of_service(name: str, keys: Keys) -> Iterator[Grant]:
     for topic in dict.fromkeys(reads):
         yield from _subscribes(topic, keys, name)
     yield from _answers(name, keys, name)
+    for query in QUERIES:
+        if name in query.asked_by:
+            yield Grant(Verb.QUERY, keys.of_query(query), f"query {query.name}: {name} asks it")
     yield from _node_tokens(name, keys)
     for prefix, why in (
         (ALIVE_PREFIX, "says that it is alive"), (SEAT_PREFIX, "takes its turn in lockstep")

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from mazebot.common.messages.documents import Document, Finite, Planar
+from mazebot.common.messages.documents import Document, Entity, Finite, Planar
 
 NonNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 _ALLOWANCE = "longest duration; 0: no limit"
@@ -245,6 +245,25 @@ class LoadWorldReply(Document):
     world_hash: str = ""
     is_new: bool = Field(False, description="false: the same world was running already")
     error: str = Field("", description="one line: what is wrong, and what is allowed")
+
+
+class ReadModel(Document):
+    """Requests a model as an entity that can be spawned: by its name, or from its text."""
+
+    model: str = Field(
+        "", pattern=r"^[\w-][\w.-]*$|^$",
+        description="name of a folder of a model: among those that are shipped, or in `models` in "
+        "the folder of the worlds",
+    )  # fmt: skip
+    text: str = Field("", description="SDF or URDF")
+
+
+class ReadModelReply(Document):
+    """The entity at the origin, with its textures (PNG) and meshes (npz) in base64 by sha256."""
+
+    error: str = Field("", description="one line; empty: read")
+    entity: Entity | None = None
+    assets: dict[str, str] = Field(default_factory=dict)
 
 
 class GetWorldsReply(Document):

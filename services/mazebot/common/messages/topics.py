@@ -85,7 +85,8 @@ A = TypeVar("A")
 @dataclass(frozen=True, eq=False)
 class Query(Generic[Q, A]):
     """One row: a request that the user's tools may send to a service, as a Zenoh query on the
-    name's key. Services do not query each other: they share state by topics.
+    name's key. Services do not query each other: they share state by topics. Only what a request of
+    ROS 2 needs of another service is asked of it (`asked_by`).
     """
 
     name: str
@@ -93,6 +94,8 @@ class Query(Generic[Q, A]):
     response: type[A]
     owner: str
     about: str
+    asked_by: tuple[str, ...] = ()
+    """Services whose services of ROS 2 ask it."""
 
 
 _LATEST, _EVERY, _LATCHED = Delivery.LATEST, Delivery.EVERY, Delivery.LATCHED
@@ -442,6 +445,10 @@ LOAD_WORLD = Query(
 GET_WORLDS = Query(
     "/world/list", act.Empty, act.GetWorldsReply, "worldgen",
     "the names of the worlds, and the one that is running",
+)  # fmt: skip
+READ_MODEL = Query(
+    "/world/read_model", act.ReadModel, act.ReadModelReply, "worldgen",
+    "a model of SDF or URDF as a body that can be spawned", asked_by=("spawner",),
 )  # fmt: skip
 LOAD_MAP = Query(
     "/map_server/load_map", act.LoadMap, act.LoadMapReply, "worldgen",

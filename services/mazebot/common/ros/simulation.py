@@ -10,11 +10,13 @@ from pydantic import TypeAdapter, ValidationError
 
 from mazebot.common.config import one_line
 from mazebot.common.maths.frames import MAP_FRAME
+from mazebot.common.messages import action_documents as act
 from mazebot.common.messages import documents as doc
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.topics import (
     DELETE_ENTITY,
     GET_ENTITIES,
+    READ_MODEL,
     SET_ENTITY_STATE,
     SIMULATION_CONTROL,
     SPAWN_ENTITY,
@@ -42,6 +44,7 @@ _WORLD_FRAMES = ("", "world", MAP_FRAME)
 _MOST_STEPS = 10_000_000
 _PLAIN_FILTER = re.compile(r"[\w .|^$*/-]*")
 _MOST_STARS = 2
+_MODEL_URI = re.compile(r"(?:model://)?([\w-][\w.-]*)")
 _ENTITY: TypeAdapter[doc.Entity] = TypeAdapter(doc.Entity)
 
 
@@ -56,13 +59,14 @@ def _of_error(error: str, code: int = OPERATION_FAILED) -> Response:
 
 def _features(_: Any, __: Node) -> Response:
     info = (
-        "SpawnEntity: resource_string is an entity of /spawn_entity in JSON; LoadWorld: uri is the "
-        "name of a world, and the simulation goes on playing or paused as it was"
+        "SpawnEntity: resource_string is SDF, URDF or an entity of /spawn_entity in JSON, uri is "
+        "model://NAME; LoadWorld: uri is the name of a world, and the simulation goes on playing "
+        "or paused as it was"
     )
     return {
         "features": {
             "features": sorted(_FEATURES.values()),
-            "spawn_formats": ["mazebot_json"],
+            "spawn_formats": ["sdf", "urdf", "mazebot_json"],
             "custom_info": info,
         }
     }
@@ -233,25 +237,34 @@ def _delete(request: Any, _: Node) -> Steps:
 def _spawn(request: Any, _: Node) -> Steps:
     """Both forms of the request: that of 1.x, and that of 2.x with a Resource."""
     resource = getattr(request, "entity_resource", request)
-    if resource.uri:
+    text, model = resource.resource_string, _MODEL_URI.fullmatch(resource.uri)
+    if resource.uri and (text or model is None):
         return result(
-            UNSUPPORTED_FORMAT, f"uri: {resource.uri!r:.80}: must be empty: give resource_string"
+            UNSUPPORTED_FORMAT,
+            f"uri: {resource.uri!r:.80}: must be model://NAME, or empty beside a resource_string",
         )
-    if not resource.resource_string:
-        return result(NO_RESOURCE, "resource_string: must be an entity of /spawn_entity in JSON")
+    if not (text or model):
+        return result(NO_RESOURCE, "resource_string: must be SDF, URDF, or an entity in JSON")
     if request.entity_namespace:
         return result(NAMESPACE_UNSUPPORTED, "entity_namespace: must be empty")
     frame = request.initial_pose.header.frame_id
     if frame not in _WORLD_FRAMES:
         return result(INVALID_POSE, f"initial_pose.header.frame_id: {frame!r:.40}: must be map")
+    read = act.ReadModelReply()
+    if model is not None or text.lstrip().startswith("<"):
+        named = "" if model is None else model[1]
+        read = yield READ_MODEL, act.ReadModel(model=named, text=text)
+        if read.error:
+            return result(NO_RESOURCE if named else PARSE_ERROR, read.error)
     try:
-        entity = _ENTITY.validate_json(resource.resource_string)
+        entity = read.entity or _ENTITY.validate_json(text)
         changes = _placed(request.initial_pose.pose)
         if request.name:
             changes["name"] = request.name
         wanted = doc.SpawnEntity(
-            entity=entity.model_copy(update=changes), allow_renaming=request.allow_renaming
-        )
+            entity=entity.model_copy(update=changes), allow_renaming=request.allow_renaming,
+            assets=read.assets,
+        )  # fmt: skip
     except ValidationError as error:
         return result(PARSE_ERROR, f"resource_string: {one_line(error)}")
     if not request.allow_renaming and wanted.entity.name in (yield from _names()):
@@ -288,7 +301,7 @@ SIMULATION_SERVICES: Final = (
     ),
     _service(
         "/spawn_entity", "SpawnEntity", "spawner", _spawn,
-        "spawn an entity, given in the JSON of the query `/spawn_entity`",
+        "spawn an entity: SDF, URDF, the name of a model, or the JSON of the query `/spawn_entity`",
     ),
     _service("/delete_entity", "DeleteEntity", "spawner", _delete, "delete an entity"),
     _service(

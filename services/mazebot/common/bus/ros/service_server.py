@@ -14,10 +14,13 @@ from mazebot.common.bus.attachment import pack_ros_attachment, unpack_ros_attach
 from mazebot.common.bus.liveliness import GraphNode
 from mazebot.common.messages import wire
 from mazebot.common.messages.keys import RELIABLE_QOS, SERVICE, Keys
+from mazebot.common.messages.topics import Query
 from mazebot.common.node.node import Inbox, Node
 from mazebot.common.ros.call import Response, Service
 from mazebot.common.ros.interfaces import Interfaces, interfaces
 
+_ANOTHER_S = 20.0
+"""For the reply of another service: it may have a large file to read."""
 Respond = Callable[[Response], None]
 Refuse = Callable[[str, str], None]
 """Gets a short reason, by which refusals are counted, and its detail."""
@@ -107,7 +110,7 @@ class ServiceServer:
         services: list[Service],
     ) -> None:
         """Declare them."""
-        self._node, self._inbox = node, inbox
+        self._session, self._node, self._inbox, self._keys = session, node, inbox, keys
         self._log = logging.getLogger(node.name)
         self._kept = [
             declare_service(
@@ -133,9 +136,39 @@ class ServiceServer:
                     self._log.exception("%s", service.name)
                     refuse("internal error", "see the log of the service")
                 else:
-                    if not self._inbox.ask(query, document, go_on):
+                    if query.owner != self._node.name:
+                        self._ask_another(query, document, go_on, refuse)
+                    elif not self._inbox.ask(query, document, go_on):
                         refuse("too many pending requests", "")
 
             go_on(None)
 
         return handle
+
+    def _ask_another(
+        self, query: Query[Any, Any], document: Any, go_on: Callable[[Any], None], refuse: Refuse
+    ) -> None:
+        """Ask a query of another service; it answers on a thread of Zenoh's."""
+        replies: list[bytes] = []
+
+        def take(reply: zenoh.Reply) -> None:
+            if reply.ok is not None:
+                replies.append(reply.ok.payload.to_bytes())
+
+        def end() -> None:
+            if not replies:
+                refuse("no reply", f"{query.owner} is not running, or too busy")
+                return
+            try:
+                answered = wire.decode_json(query.response, replies[0])
+            except wire.WireError as error:
+                refuse(f"reply of {query.owner}", str(error))
+            else:
+                go_on(answered)
+
+        self._session.get(
+            self._keys.of_query(query),
+            cast("Any", zenoh.handlers.Callback(take, drop=end, indirect=True)),
+            payload=wire.encode_json(document),
+            timeout=_ANOTHER_S,
+        )
