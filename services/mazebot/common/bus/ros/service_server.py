@@ -166,9 +166,12 @@ class ServiceServer:
             else:
                 go_on(answered)
 
-        self._session.get(
-            self._keys.of_query(query),
-            cast("Any", zenoh.handlers.Callback(take, drop=end, indirect=True)),
-            payload=wire.encode_json(document),
-            timeout=_ANOTHER_S,
-        )
+        try:
+            self._session.get(
+                self._keys.of_query(query),
+                cast("Any", zenoh.handlers.Callback(take, drop=end, indirect=True)),
+                payload=wire.encode_json(document),
+                timeout=_ANOTHER_S,
+            )
+        except zenoh.ZError as error:
+            refuse("no reply", f"{query.owner}: {error}")
