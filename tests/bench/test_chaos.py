@@ -5,18 +5,22 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 
+from mazebot.bench.chaos import clocks
 from mazebot.bench.chaos.faults import FAULTS, SHORT
 from mazebot.bench.chaos.plots import write_plot
 from mazebot.bench.chaos.recordings import faults_of_recordings
 from mazebot.bench.chaos.summary import met, rows_of
 from mazebot.bench.chaos.trial import Trial
+from mazebot.common.config import ConfigError
 from tests.cli.stack.running import wait_until
 
 
@@ -106,6 +110,40 @@ def test_nothing_to_be_done_is_one_line(tmp_path: Path, options: tuple[str, ...]
     assert done.returncode == 2
     assert len(done.stderr.splitlines()) == 1
     assert done.stderr.startswith("error: ")
+
+
+def test_a_clock_is_set_while_a_program_runs(tmp_path: Path) -> None:
+    if shutil.which("cc") is None:
+        with pytest.raises(ConfigError, match="C compiler"):
+            clocks.compiler()
+        return
+    file = tmp_path / "clock"
+    clocks.set_clock(file, 0)
+    variables = clocks.variables(str(clocks.compile_library(tmp_path)), str(file))
+    shows = (
+        "import datetime, sys, time\n"
+        "for _ in sys.stdin:\n"
+        "    time.sleep(0.001)\n"
+        "    now = datetime.datetime.now(datetime.UTC).timestamp()\n"
+        "    print(time.time(), now, time.monotonic(), flush=True)"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", shows], env={**os.environ, **variables},
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+    ) as program:  # fmt: skip
+        assert program.stdin is not None
+        assert program.stdout is not None
+        for added_s in (0, 3600, -3600, 0):
+            clocks.set_clock(file, added_s)
+            program.stdin.write("\n")
+            program.stdin.flush()
+            wall_s, date_s, monotonic_s = map(float, program.stdout.readline().split())
+            clocks.check(wall_s, added_s, "the program")
+            clocks.check(date_s, added_s, "the program")
+            assert abs(monotonic_s - time.monotonic()) < 60.0
+            with pytest.raises(ConfigError, match="the program: the clock cannot be set here"):
+                clocks.check(wall_s, added_s + 1800, "the program")
+        program.stdin.close()
 
 
 def test_what_was_promised_and_not_kept_is_told(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from mazebot.bench.chaos.clocks import compiler
 from mazebot.bench.chaos.faults import EXPLORING_FAULTS, FAULTS, LINK_FAULTS, SHORT, Fault
 from mazebot.bench.chaos.plots import write_plot
 from mazebot.bench.chaos.recordings import faults_of_recordings
@@ -37,13 +38,13 @@ def main(arguments: Sequence[str]) -> int:
     except ConfigError as error:
         fail(str(error))
     for one in left_out:
-        _say(f"left out: {one.name}: needs containers (CONTAINERS=1)")
+        _say(f"left out: {one.name}: {_obstacle(one, options.containers)}")
     order = [one for one in faults for _ in range(options.times)]
     order = [
         order[i] for i in random_generator(options.seed, "chaos/order").permutation(len(order))
     ]
     with tempfile.TemporaryDirectory(prefix="mazebot-chaos-") as name:
-        stack = _stack(options, Path(name))
+        stack = _stack(options, Path(name), any(one.kind == "clock" for one in faults))
         try:
             trials, broken = _run(stack, order, options)
         except (BusUnavailableError, ConfigError) as error:
@@ -99,7 +100,7 @@ def _chosen(options: argparse.Namespace) -> tuple[list[Fault], list[Fault]]:
             raise ConfigError(f"FAULT: {name!r:.60}: must be one of {', '.join(known)}")
     wanted = options.fault or [name for name in known if name in SHORT or not options.short]
     chosen = [known[name] for name in wanted]
-    left_out = [one for one in chosen if one.needs_containers and not options.containers]
+    left_out = [one for one in chosen if _obstacle(one, options.containers)]
     if len(left_out) == len(chosen):
         # No trial would be a success of nothing.
         names = ", ".join(one.name for one in left_out) or "--short"
@@ -107,11 +108,23 @@ def _chosen(options: argparse.Namespace) -> tuple[list[Fault], list[Fault]]:
     return [one for one in chosen if one not in left_out], left_out
 
 
-def _stack(options: argparse.Namespace, folder: Path) -> Stack:
+def _obstacle(fault: Fault, containers: bool) -> str:
+    """Why a fault cannot be done here; empty: it can."""
+    if fault.needs_containers and not containers:
+        return "needs containers (CONTAINERS=1)"
+    if fault.kind == "clock":
+        try:
+            compiler()
+        except ConfigError as error:
+            return str(error)
+    return ""
+
+
+def _stack(options: argparse.Namespace, folder: Path, has_clocks: bool) -> Stack:
     if options.links:
         return LinkedStack(folder, options.seed)
     kind = ContainerStack if options.containers else ProcessStack
-    return kind(folder, options.seed, options.explore)
+    return kind(folder, options.seed, options.explore, has_clocks)
 
 
 def _run(

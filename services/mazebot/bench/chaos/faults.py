@@ -11,7 +11,8 @@ from mazebot.bench.chaos.links import Shape
 from mazebot.bench.chaos.stacks import EXPLORING, SERVICES, Stack
 
 Kind = Literal[
-    "kill", "freeze", "cut", "restart", "starve", "squeeze", "late", "half-open", "delay", "slow"
+    "kill", "freeze", "cut", "restart", "starve", "squeeze", "late", "half-open", "delay", "slow",
+    "clock",
 ]  # fmt: skip
 
 STOP_S: Final = 0.25
@@ -54,7 +55,7 @@ class Fault:
     @property
     def stops(self) -> bool:
         """Whether the robot must stand."""
-        if self.kind in ("delay", "slow", "starve"):
+        if self.kind in ("delay", "slow", "starve", "clock"):
             return False
         return self.ends_all or not DRIVES_BY.isdisjoint(self.services)
 
@@ -75,7 +76,7 @@ class Fault:
         acts: dict[Kind, Callable[[str], None]] = {
             "kill": stack.kill, "freeze": stack.freeze, "cut": stack.cut,
             "restart": lambda _: stack.restart(), "starve": stack.starve, "late": stack.hold_back,
-            "squeeze": stack.squeeze,
+            "squeeze": stack.squeeze, "clock": stack.advance_clock,
             **{kind: partial(stack.shape, shape=shape) for kind, shape in SHAPES.items()},
         }  # fmt: skip
         for service in self.services or (_ALL,):
@@ -85,6 +86,7 @@ class Fault:
         """Undo it."""
         acts: dict[Kind, Callable[[str], None]] = {
             "freeze": stack.thaw, "cut": stack.join, "starve": stack.feed, "late": stack.release,
+            "clock": stack.set_clock_right,
             **dict.fromkeys(SHAPES, stack.unshape)
         }  # fmt: skip
         if self.kind in acts:
@@ -117,6 +119,11 @@ FAULTS: Final[tuple[Fault, ...]] = (
     *(
         Fault("squeeze", (service,), needs_containers=True)
         for service in ("navigation", "localization", "physics", "recorder")
+    ),
+    Fault("clock", (), 20.0),
+    *(
+        Fault("clock", (service,), 20.0, needs_containers=True)
+        for service in ("navigation", "localization", "physics", "recorder", "router")
     ),
     Fault("late", ("router",), 5.0, needs_containers=True),
     Fault("restart", ()),

@@ -69,7 +69,7 @@ def try_one(stack: Stack, witness: Witness, task: Task, fault: Fault, trial: Tri
     stack.look()
     if not task.is_driving():
         _steady(witness, task)
-    there, world_hash = witness.alive(), _hash(witness)
+    there, world_hash, stops = witness.alive(), _hash(witness), _watchdog_stops(witness)
     begun_s = time.monotonic()
     before = witness.last_before(begun_s)
     trial.seen_m2 = 0.0 if witness.exploration is None else witness.exploration[1].free_m2
@@ -101,6 +101,8 @@ def try_one(stack: Stack, witness: Witness, task: Task, fault: Fault, trial: Tri
     trial.drives_s = time.monotonic() - ended_s
     _judge_stop(witness, fault, trial, before, begun_s)
     _judge_continuity(witness, fault, trial, before, ended_s, world_hash)
+    if fault.kind == "clock" and _watchdog_stops(witness) != stops:
+        trial.problem = "the watchdog has stopped the robot"
     if fault.ends_all:
         trial.goal = "ended with the stack"
     try:
@@ -111,6 +113,10 @@ def try_one(stack: Stack, witness: Witness, task: Task, fault: Fault, trial: Tri
 
 def _hash(witness: Witness) -> str:
     return "" if witness.stats is None else witness.stats.world_hash
+
+
+def _watchdog_stops(witness: Witness) -> int:
+    return 0 if witness.stats is None else witness.stats.watchdog_stops
 
 
 def _judge_stop(
