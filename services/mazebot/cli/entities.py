@@ -351,9 +351,7 @@ class _MarkerAsked:
     ) -> tuple[doc.MarkerEntity, dict[str, bytes]]:
         """The entity and its texture. Raises ConfigError."""
         from mazebot.common.client.subscription import running_world  # noqa: PLC0415
-        from mazebot.common.world import marker_picture  # noqa: PLC0415
-        from mazebot.common.world.marker_entities import PanelStyle, marker_entity  # noqa: PLC0415
-        from mazebot.common.world.placement import Panel  # noqa: PLC0415
+        from mazebot.common.world.marker_entities import drawn_marker  # noqa: PLC0415
 
         marker = self.marker(pose, place)
         if place.wall is not None:
@@ -364,10 +362,7 @@ class _MarkerAsked:
             assert pose.at_m is not None
             x, y, z = pose.at_m
             matrix = transform_matrix(rotation, (x, y, z))
-        side_m = marker_picture.panel_side_m(marker)
-        texture = marker_picture.draw(marker, PanelStyle().module_px)
-        sha256 = hashlib.sha256(texture).hexdigest()
-        return marker_entity(marker, Panel(name, matrix, side_m), sha256), {sha256: texture}
+        return drawn_marker(name, marker, matrix)
 
 
 def _marker_of_model(noted: dict[str, str]) -> _MarkerAsked:

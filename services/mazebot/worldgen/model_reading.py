@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import hashlib
 import logging
 import tempfile
 from collections.abc import Sequence
@@ -17,8 +16,7 @@ from mazebot.common.messages.action_documents import ReadModel, ReadModelReply
 from mazebot.common.messages.documents import BodyEntity, Marker, MarkerEntity
 from mazebot.common.problems import words
 from mazebot.common.world import marker_picture
-from mazebot.common.world.marker_entities import PanelStyle, marker_entity
-from mazebot.common.world.placement import Panel
+from mazebot.common.world.marker_entities import drawn_marker
 from mazebot.worldgen.model_entity import Model, named_model, read_model
 
 _LOG = logging.getLogger("worldgen")
@@ -70,10 +68,7 @@ def _marker_of(model: Model) -> tuple[MarkerEntity, dict[str, bytes]]:
     problem = marker_picture.identity_problem(marker)
     if problem:
         raise ConfigError(f"{model.name}: {problem}")
-    texture = marker_picture.draw(marker, PanelStyle().module_px)
-    sha256 = hashlib.sha256(texture).hexdigest()
-    panel = Panel(model.name, np.eye(4), marker_picture.panel_side_m(marker))
-    return marker_entity(marker, panel, sha256), {sha256: texture}
+    return drawn_marker(model.name, marker, np.eye(4))
 
 
 def _of_text(text: str, roots: Sequence[Path]) -> Model:

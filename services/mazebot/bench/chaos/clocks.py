@@ -5,13 +5,10 @@ where the monotonic clock is left alone (https://github.com/wolfcw/libfaketime/i
 
 from __future__ import annotations
 
-import os
 import shutil
 import struct
 import subprocess
-import sys
 import time
-from collections.abc import Mapping
 from pathlib import Path
 
 from mazebot.common.config import ConfigError
@@ -56,13 +53,3 @@ def check(shown_s: float, added_s: int, who: str) -> None:
     """Raises ConfigError where a clock does not show what it was set to."""
     if abs(shown_s - time.time() - added_s) > _NEAR_S:
         raise ConfigError(f"{who}: the clock cannot be set here")
-
-
-def shown_with(environment: Mapping[str, str]) -> float:
-    """What the clock of a program in this environment shows, s since 1970."""
-    command = [sys.executable, "-c", SHOW]
-    said = subprocess.run(
-        command, env={**os.environ, **environment}, capture_output=True, text=True, timeout=60,
-        check=False,
-    )  # fmt: skip
-    return float(said.stdout) if said.returncode == 0 else 0.0

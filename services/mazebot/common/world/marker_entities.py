@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from mazebot.common.maths.frames import position_and_quaternion
+from mazebot.common.maths.frames import Array, position_and_quaternion
 from mazebot.common.messages.documents import Entities, Marker, MarkerEntity, Refusal, World
 from mazebot.common.world import marker_picture
 from mazebot.common.world.geometry import TriangleMesh
@@ -75,6 +75,18 @@ def marker_entities(
         Entities(world_hash=world.hash, entities=tuple(entities), refused=tuple(refused)),
         textures,
     )
+
+
+def drawn_marker(
+    name: str, marker: Marker, map_from_panel: Array
+) -> tuple[MarkerEntity, dict[str, bytes]]:
+    """The entity of a marker of OpenCV's dictionaries at a pose, (4, 4), and its texture as PNG by
+    sha256.
+    """
+    texture = marker_picture.draw(marker, PanelStyle().module_px)
+    sha256 = hashlib.sha256(texture).hexdigest()
+    panel = Panel(name, map_from_panel, marker_picture.panel_side_m(marker))
+    return marker_entity(marker, panel, sha256), {sha256: texture}
 
 
 def marker_entity(marker: Marker, panel: Panel, sha256: str) -> MarkerEntity:
