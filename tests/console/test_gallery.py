@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from mazebot.common.recordings.run_folder import RunFolder
+from mazebot.common.recordings.run_folder import SUMMARY, RunFolder
 from mazebot.console.gallery.query import PAGE_SIZE, RunQuery
 from mazebot.console.viewer_assets import assets_folder, viewer_version
 from tests.console.conftest import FIRST, SECOND
@@ -370,20 +370,39 @@ def test_a_packed_viewer_is_sent_as_it_is(
     assert answer.body == b"packed"
 
 
+def processor_s() -> float:
+    """Processor time of this process, which is the server's too."""
+    times = os.times()
+    return times.user + times.system
+
+
 @pytest.mark.slow
 def test_the_first_page_of_two_thousand_runs_comes_at_once(tmp_path: Path) -> None:
-    make_many(tmp_path, 2000)
-    with console(tmp_path) as served:
-        assert len(names(served.ask("/runs.json"))) == PAGE_SIZE
-        start_s = os.times().user + os.times().system
-        for _ in range(10):
-            assert served.ask("/runs").status == 200
-        # Processor time of this process, which is the server's too.
-        assert (os.times().user + os.times().system - start_s) / 10 < 0.3
-    after_start_s = []
-    for _ in range(3):
-        start_s = os.times().user + os.times().system
-        with console(tmp_path) as served:
-            assert served.ask("/runs").text.count('class="card"') == PAGE_SIZE
-            after_start_s.append(os.times().user + os.times().system - start_s)
-    assert min(after_start_s) < 0.3
+    few, many = tmp_path / "few", tmp_path / "many"
+    make_many(few, PAGE_SIZE)
+    make_many(many, 2000)
+    summaries = [run / SUMMARY for run in many.iterdir()]
+    for file in summaries:
+        # A file that was just written may yet be changed within the clock's resolution.
+        os.utime(file, (1e9, 1e9))
+    with console(few) as of_few, console(many) as of_many:
+        assert len(names(of_few.ask("/runs.json"))) == len(names(of_many.ask("/runs.json")))
+        spent_s = []
+        # In turns: the pace of a machine that others use may be another one a minute later.
+        for served in (of_few, of_many) * 3:
+            start_s = processor_s()
+            for _ in range(10):
+                assert served.ask("/runs").status == 200
+            spent_s.append(processor_s() - start_s)
+    assert min(spent_s[1::2]) < 4.0 * min(spent_s[::2])
+    # After a start, what was read before is not read again: files that became unreadable since,
+    # though of the same version, are not noticed.
+    for file in summaries:
+        size = file.stat().st_size
+        with file.open("r+b") as spoilt:
+            spoilt.write(b"x" * size)
+        os.utime(file, (1e9, 1e9))
+    with console(many) as served:
+        page = served.ask("/runs").text
+    assert page.count('class="card"') == PAGE_SIZE
+    assert 'class="warn"' not in page

@@ -243,6 +243,7 @@ def test_navigation_alone_drives_the_simulator_of_another_stack(port: str) -> No
     done = mazebot("up", "--only", "navigation-only", *joined, "--detach")
     assert done.returncode == 0, done.stderr
     assert f"left out, as they run on {endpoint} already: recorder" in done.stdout
+    assert "\nactive\n" in done.stdout
     assert listed_on(other).keys() == {"localization", "navigation"}
     assert_one_line(
         mazebot("up", "--only", "worldgen", "--connect", endpoint, "--router-port",

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from mazebot.cli.stack import control
 from mazebot.cli.stack.control import end, start, wait_until_active
 from mazebot.cli.stack.log_file import LogWriter, follow, read_lines
 from mazebot.cli.stack.plan import StackPlan
@@ -93,7 +94,7 @@ def test_a_demo_is_not_started_again() -> None:
         wait_until(lambda: time.monotonic() > ended_s + 0.5)
         state = service(folder, "bringup")
         assert (state.text, state.process, state.restarts) == ("ended (exit code 1)", None, 0)
-        assert wait_until_active(folder, lambda _: None, 5.0) == 1
+        assert wait_until_active(folder, lambda _: None, 5.0).code == 1
 
 
 def test_all_end_and_one_that_does_not_is_killed() -> None:
@@ -196,15 +197,34 @@ def test_why_a_service_is_started_again_and_again_is_told() -> None:
     assert told[-1] == f"recorder: restarting (exit code 1): {reason}"
 
 
-def test_without_a_demo_it_is_enough_that_all_are_connected() -> None:
+def test_without_a_demo_what_others_send_is_waited_for_a_while(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[str] = []
+    loaded = tmp_path / "loaded"
+    waits = f"import os, time\nwhile not os.path.exists({str(loaded)!r}): time.sleep(0.01)\n"
+    said = ("[INFO] [physics]: connected to tcp/1", "[INFO] [physics]: waiting for a world")
     plan = plan_of(
         router=says("[INFO] [router]: listening on tcp/1"),
-        physics=says(
-            "[INFO] [physics]: connected to tcp/1", "[INFO] [physics]: waiting for a world"
-        ),
+        physics="".join(f"print({line!r}, flush=True)\n" for line in said)
+        + waits
+        + says("[INFO] [physics]: active"),
     )
+
+    def tell(missing: str) -> None:
+        told.append(missing)
+        if "a world" in missing:
+            loaded.touch()
+
     with started(plan) as folder:
-        assert wait_until_active(folder, lambda _: None, 10.0) == 0
+        wait_until(lambda: service(folder, "physics").phase == "waiting")
+        with monkeypatch.context() as patched:
+            patched.setattr(control, "_OTHERS_S", 0.0)
+            # The other half may be started later.
+            awaited = wait_until_active(folder, lambda _: None, 10.0)
+            assert awaited == (0, "physics: waiting for a world")
+        assert wait_until_active(folder, tell, 20.0) == (0, "")
+    assert told == ["physics: waiting for a world"]
 
 
 def test_once_a_demo_has_ended_all_others_have_to_be_connected(tmp_path: Path) -> None:
@@ -224,7 +244,7 @@ def test_once_a_demo_has_ended_all_others_have_to_be_connected(tmp_path: Path) -
     )
     with started(plan) as folder:
         wait_until(lambda: service(folder, "bringup").phase == "ended")
-        assert wait_until_active(folder, tell, 20.0) == 0
+        assert wait_until_active(folder, tell, 20.0) == (0, "")
         assert service(folder, "recorder").phase == "active"
     assert told == ["recorder: starting"]
 

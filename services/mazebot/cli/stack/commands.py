@@ -163,8 +163,11 @@ def _wait(folder: StackFolder) -> int:
         _say(missing)
         doing(missing)
 
-    code = wait_until_active(folder, tell, _ACTIVE_S)
-    _say("the demo has ended" if code else "active")
+    code, waiting = wait_until_active(folder, tell, _ACTIVE_S)
+    if waiting:
+        _say(f"not active yet: {waiting}")
+    else:
+        _say("the demo has ended" if code else "active")
     _say("see mazebot ps, mazebot logs; mazebot down ends them")
     return code
 

@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from typing import NamedTuple
 
 from mazebot.cli.stack.log_file import read_lines
 from mazebot.cli.stack.plan import DEMO, StackPlan
@@ -23,6 +24,8 @@ _BEGIN_S = 10.0
 """Within this time the supervisor runs."""
 _SETTLED_S = 0.5
 """A service that is active for so long waits for nothing."""
+_OTHERS_S = 20.0
+"""For so long what services of another stack send is waited for: they may be started later."""
 
 
 def refuse_second(folder: StackFolder) -> None:
@@ -82,48 +85,62 @@ def _has_begun(service: ServiceState) -> bool:
     return service.process is not None or service.phase != "starting"
 
 
-def wait_until_active(folder: StackFolder, tell: Callable[[str], None], timeout_s: float) -> int:
-    """Wait until the services of a stack are active; return 0, or the exit code of a demo that has
-    ended before. `tell` gets what is waited for.
+class Awaited(NamedTuple):
+    """What came of waiting for a stack."""
+
+    code: int
+    """The exit code of a demo that has ended before; else 0."""
+    waiting: str
+    """What its services still wait for, which others have to send; empty: nothing."""
+
+
+def wait_until_active(
+    folder: StackFolder, tell: Callable[[str], None], timeout_s: float
+) -> Awaited:
+    """Wait until the services of a stack are active. `tell` gets what is waited for.
+
+    A demo knows what the others wait for, and which of them may; without one, or once it has ended,
+    all have to be connected, and may wait for services of another stack.
 
     Raises ConfigError where that takes too long, or the stack ends.
     """
-    deadline_s, since_s = time.monotonic() + timeout_s, time.monotonic()
+    deadline_s, settled_s = time.monotonic() + timeout_s, time.monotonic()
+    connected_s: float | None = None
     told = ""
-    while time.monotonic() < deadline_s:
+    while (now_s := time.monotonic()) < deadline_s:
         state = folder.running()
         if state is None:
             raise ConfigError("up: the stack has ended")
         demo = state.service(DEMO)
         if demo is not None and demo.phase == "ended" and demo.exit_code:
-            return demo.exit_code
-        missing = _missing(state, folder)
-        if missing:
-            since_s = time.monotonic()
-            if missing != told:
-                tell(missing)
-                told = missing
-        elif time.monotonic() - since_s > _SETTLED_S:
-            return 0
+            return Awaited(demo.exit_code, "")
+        missing, waiting = _missing(state, folder)
+        connected_s = None if missing else connected_s or now_s
+        if connected_s is not None and now_s - connected_s > _OTHERS_S:
+            return Awaited(0, waiting)
+        if missing or waiting:
+            settled_s = now_s
+            if (missing or waiting) != told:
+                told = missing or waiting
+                tell(told)
+        elif now_s - settled_s > _SETTLED_S:
+            return Awaited(0, "")
         time.sleep(_POLL_S)
     raise ConfigError(f"up: not active within {timeout_s:g} s: {told} (mazebot logs, mazebot down)")
 
 
-def _missing(state: StackState, folder: StackFolder) -> str:
-    """What a stack waits for, in words; empty: nothing. A demo knows what the others wait for, and
-    which of them may; without one, or once it has ended, all have to be connected.
-    """
+def _missing(state: StackState, folder: StackFolder) -> tuple[str, str]:
+    """What a stack waits for, in words: of itself, and of others. Empty: nothing."""
     demo = state.service(DEMO)
     if demo is not None and demo.phase != "ended":
-        return "" if demo.phase == "active" else f"{DEMO}: {demo.text}"
-    waiting = [
-        f"{one.name}: {one.text}{_reason(one, folder)}"
-        for one in state.services
-        if one is not demo
-        and one.phase != "active"
-        and not (one.phase == "waiting" and "the bus" not in one.text)
-    ]
-    return ", ".join(waiting)
+        return "" if demo.phase == "active" else f"{DEMO}: {demo.text}", ""
+    inactive = [one for one in state.services if one is not demo and one.phase != "active"]
+    connected = [one for one in inactive if one.phase == "waiting" and "the bus" not in one.text]
+    own = [one for one in inactive if one not in connected]
+    return (
+        ", ".join(f"{one.name}: {one.text}{_reason(one, folder)}" for one in own),
+        ", ".join(f"{one.name}: {one.text}" for one in connected),
+    )
 
 
 def _reason(service: ServiceState, folder: StackFolder) -> str:
