@@ -29,9 +29,10 @@ LINKS ?=
 CONTAINERS ?=
 # Of soak: minutes of a running stack, in place of an hour of simulated time.
 MINUTES ?=
-# Of fuzz: messages of each kind, seconds on a running stack, sequences of requests.
+# Of fuzz: messages of each kind, seconds on a running stack, seconds for each kind of file, sequences of requests.
 CASES ?=
 STACK_S ?=
+FILES_S ?= 20
 SEQUENCES ?= 300
 # A local uv if the machine has none; `python3` must then be version 3.11.
 UV := $(shell command -v uv || echo .tools/bin/uv)
@@ -117,7 +118,7 @@ test: $(STAMP) ## run the tests: no Docker, no network, no GPU
 	@.venv/bin/pytest -n 2 --dist worksteal -m "not compose and not browser and not slow and not ros2"
 
 # Those of the group `real_time` drive by the wall clock, or load the machine: never two at once.
-test-slow: $(STAMP) ## run the long tests: every world driven, two hundred mazes
+test-slow: $(STAMP) .venv-fuzz/.installed ## run the long tests: every world driven, two hundred mazes
 	@.venv/bin/pytest -n 2 --dist loadgroup --no-loadscope-reorder -m slow
 
 # Not beside those of the containers: Chromium gives up what it loads when a network is made or removed.
@@ -183,6 +184,8 @@ lock: $(STAMP) ## resolve the dependencies again
 	@echo 'uv' | $(UV) pip compile --quiet --universal --generate-hashes --python-version 3.11 --no-header --no-annotate --no-emit-index-url - -o requirements-tools.lock
 	@echo 'cyclonedx-bom==7.5.0' | $(UV) pip compile --quiet --universal --generate-hashes --python-version 3.11 --no-header --no-annotate --no-emit-index-url - -o requirements-sbom.lock
 	@echo 'ir-sim==2.12.0' | $(UV) pip compile --quiet --universal --generate-hashes --python-version 3.11 --no-header --no-annotate --no-emit-index-url - -o requirements-bench.lock
+	@echo "atheris==3.0.0 ; sys_platform == 'linux' and platform_machine == 'x86_64'" \
+		| $(UV) pip compile --quiet --universal --generate-hashes --python-version 3.11 --no-header --no-annotate --no-emit-index-url - -o requirements-fuzz.lock
 
 bench: $(STAMP) ## measure speed and memory, beside PyBullet and ir-sim (JSON=bench.json)
 	@$(MAKE) --silent .venv-bench/.installed || echo "ir-sim cannot be had: its rows stay empty"
@@ -205,10 +208,20 @@ chaos: $(STAMP) $(if $(CONTAINERS),image) ## kill, freeze and cut off services w
 	@.venv/bin/python -m mazebot.bench.chaos --seed $(SEED) $(TIMES:%=--times %) $(FAULT:%=--fault %) \
 		$(if $(EXPLORE),--explore) $(if $(LINKS),--links) $(if $(CONTAINERS),--containers) --plot chaos.png --json $(if $(filter file,$(origin JSON)),chaos.json,$(JSON))
 
-fuzz: $(STAMP) ## send malformed messages to every topic, query and service, and to a running stack (SEED=7 CASES=100000 STACK_S=60 SEQUENCES=300)
-	@.venv/bin/python -m mazebot.bench.fuzz --seed $(SEED) $(CASES:%=--cases %) $(STACK_S:%=--seconds %) \
-		--json $(if $(filter file,$(origin JSON)),fuzz.json,$(JSON))
-	@SEQUENCES=$(SEQUENCES) .venv/bin/pytest -n 0 tests/sequences
+# What one part finds does not keep the others from being run.
+fuzz: $(STAMP) ## give malformed messages to every topic, query and service, and to a running stack, malformed files to what reads them (SEED=7 CASES=100000 STACK_S=60 FILES_S=20 SEQUENCES=300)
+	@$(MAKE) --silent .venv-fuzz/.installed || echo "atheris cannot be had: files are changed without looking at what they reach"
+	@found=0; \
+	.venv/bin/python -m mazebot.bench.fuzz --seed $(SEED) $(CASES:%=--cases %) $(STACK_S:%=--seconds %) \
+		--json $(if $(filter file,$(origin JSON)),fuzz.json,$(JSON)) || found=1; \
+	.venv/bin/python -m tests.fuzz --seed $(SEED) --seconds $(FILES_S) || found=1; \
+	SEQUENCES=$(SEQUENCES) .venv/bin/pytest -n 0 tests/sequences || found=1; \
+	exit $$found
+
+.venv-fuzz/.installed: requirements-fuzz.lock | $(filter .tools/bin/uv,$(UV))
+	@$(TELL) "making the environment in .venv-fuzz" "" $(UV) venv --quiet --allow-existing --python 3.11 .venv-fuzz
+	@$(call sync,.venv-fuzz,requirements-fuzz.lock)
+	@touch $@
 
 seeds: $(STAMP) ## drive the tour of both worlds over ten seeds
 	@.venv/bin/python -m mazebot.bench.whole.seeds

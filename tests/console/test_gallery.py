@@ -5,6 +5,7 @@ from __future__ import annotations
 import http.client
 import json
 import os
+import re
 from pathlib import Path
 
 import pytest
@@ -211,6 +212,14 @@ def test_the_page_of_a_run_has_all_of_it(shared: Served) -> None:
     assert "localisation error, mean" in page
     assert f'href="/runs/{SECOND}"' in page
     assert "navigation.global_costmap.inflation_layer.inflation_radius" in page
+
+
+def test_all_parts_of_a_recording_can_be_downloaded(served: Served) -> None:
+    names = ("run.rrd", "run.mcap", "run_2.mcap", "run_10.mcap")
+    for name in names[1:]:
+        (served.folder / FIRST / name).write_bytes(b"x")
+    page = served.ask(f"/runs/{FIRST}").text
+    assert re.findall(r'class="button" href="[^"]*/files/([^"]+)" download', page) == list(names)
 
 
 def test_tags_and_a_note_are_kept_and_found(served: Served) -> None:

@@ -146,8 +146,12 @@ def test_services_answer(stack: Stack, commanded: dict[str, Any]) -> None:
     assert files.keys() == {"kitchen", "office"}
     assert read_map(files["kitchen"]).cells.size > 1000
     assert "ClearEntireCostmap_Response" in commanded["cleared"]
-    assert commanded["spawned"] == [1, ""]
-    assert "crate" in commanded["entities"]
+    crate, post, (refused, reason) = commanded["spawned"]
+    assert crate == post == [1, ""]
+    assert refused not in (0, 1)
+    assert "must contain a body" in reason
+    assert {"crate", "post"} <= set(commanded["entities"])
+    assert "arm" not in commanded["entities"]
     assert commanded["states"] == [1, 1]
     *stats, world_hash = commanded["stats"]
     assert stats == [1, False, 1.0]

@@ -78,7 +78,7 @@ def detect_markers(
     outputs = _outputs(images, draw)
     seen = []
     for file in images:
-        picture = _read_picture(file)
+        picture = read_picture(file)
         height, width = picture.shape[:2]
         if camera is not None and (width, height) != (camera.width_px, camera.height_px):
             raise ConfigError(
@@ -157,7 +157,7 @@ def _outputs(images: Sequence[Path], draw: Path | None) -> list[Path]:
     return [draw]
 
 
-def _read_picture(file: Path) -> Picture:
+def read_picture(file: Path) -> Picture:
     """(height, width, 3) BGR, turned as a camera's note in the file says.
 
     By Pillow: OpenCV writes to standard error by itself where a file is damaged.

@@ -183,7 +183,12 @@ async def _run_page(request: Request) -> Response:
         others=[one for one in runs.all[:_MOST_OTHERS] if one.name != run.name],
         viewer=viewer_version(),
         live=f"rerun+http://{live_data}/proxy" if live_data else "",
-        downloads=[name for name in (RECORDING, MESSAGES) if name in content.files],
+        downloads=[
+            part.name
+            for name in (RECORDING, MESSAGES)
+            for part in parts_of(run.path, name)
+            if part.name in content.files
+        ],
         has_report=REPORT in content.files,
         content=content,
     )

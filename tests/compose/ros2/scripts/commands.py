@@ -29,6 +29,13 @@ CRATE: dict[str, Any] = {
     "shapes": [{"name": "box", "geometry": {"kind": "box", "size_m": [0.2, 0.2, 0.3]}}],
 }  # fmt: skip
 
+POST = (
+    '<sdf version="1.9"><model name="post"><static>true</static><link name="link">'
+    '<collision name="c"><geometry><cylinder><radius>0.1</radius><length>0.4</length></cylinder>'
+    "</geometry></collision></link></model></sdf>"
+)
+ROBOT = '<robot name="arm"><link name="no_shape"/></robot>'
+
 
 class User(Node):  # type: ignore[misc]
     """Someone's own node."""
@@ -98,16 +105,19 @@ def main() -> None:
     found["saved"].append(user.call(SaveSlamMap, "/slam_toolbox/save_map", name=name).result)
     graph = user.call(SerializePoseGraph, "/slam_toolbox/serialize_map", filename="hall").result
     found["saved"].append(graph)
-    place = PoseStamped()
-    place.pose.position.x, place.pose.position.y, place.pose.position.z = CRATE["position_m"]
-    spawned = user.call(
-        SpawnEntity,
-        "/spawn_entity",
-        name="crate",
-        resource_string=json.dumps(CRATE),
-        initial_pose=place,
-    )
-    found["spawned"] = [spawned.result.result, spawned.result.error_message]
+    found["spawned"] = []
+    for name, resource in (("crate", json.dumps(CRATE)), ("post", POST), ("arm", ROBOT)):
+        place = PoseStamped()
+        place.pose.position.x, place.pose.position.y, place.pose.position.z = CRATE["position_m"]
+        place.pose.position.y -= 0.5 * len(found["spawned"])
+        spawned = user.call(
+            SpawnEntity,
+            "/spawn_entity",
+            name=name,
+            resource_string=resource,
+            initial_pose=place,
+        )
+        found["spawned"].append([spawned.result.result, spawned.result.error_message])
     found["entities"] = list(user.call(GetEntities, "/get_entities").entities)
     stats = user.call(SimulationControl, "/simulation/control", speed=[1.0]).stats
     found["stats"] = [len(stats), stats[0].paused, stats[0].speed, stats[0].world_hash]
