@@ -21,6 +21,7 @@ from mazebot.cli.replay.reading.find import open_recording
 from mazebot.common.config import ConfigError
 from mazebot.common.files.key_file import KeyFileError, read_key
 from mazebot.common.messages import wire
+from mazebot.common.messages.action_documents import ReadModel
 from mazebot.common.messages.topics import QUERIES, TOPICS
 from mazebot.common.nav2_params.report import report
 from mazebot.common.problems import words
@@ -34,6 +35,7 @@ from mazebot.common.world.map_files import read_map
 from mazebot.mapping.graph.graph_file import graph_of, load_graph
 from mazebot.navigation.behavior.nodes.xml_loader import read_tree_file
 from mazebot.worldgen.check import findings_of
+from mazebot.worldgen.model_reading import entity_of
 from mazebot.worldgen.sdf.reading.material_script import material_in
 
 CORPUS = Path(__file__).parent / "corpus"
@@ -56,9 +58,8 @@ class Reader:
             yield path.read_bytes()
 
 
-def told(error: Exception) -> None:
-    """Raises AssertionError unless an error is one line for a person."""
-    line = str(error)
+def told(line: str) -> None:
+    """Raises AssertionError unless it is one line for a person."""
     if not line.strip() or len(line) > LONGEST_LINE or words(line) != line:
         raise AssertionError(f"must be one printable line: {line[:300]!r}")
 
@@ -66,7 +67,14 @@ def told(error: Exception) -> None:
 def _world(path: Path) -> None:
     """Whatever kind of file it is; it also becomes a recipe."""
     for problem in findings_of(path).problems:
-        told(ConfigError(str(problem)))
+        told(str(problem))
+
+
+def _model_text(path: Path) -> None:
+    """What a request of ROS 2 to spawn an entity holds."""
+    reply = entity_of(ReadModel(text=path.read_bytes().decode("utf-8", "replace")))
+    if reply.error:
+        told(words(reply.error))
 
 
 def _mesh(path: Path) -> None:
@@ -117,7 +125,7 @@ def _cut_recording(path: Path) -> None:
     try:
         repair(path, {})
     except McapError as error:
-        told(error)
+        told(str(error))
         if path.read_bytes() != before:
             raise AssertionError("a file that cannot be repaired was changed") from error
         return
@@ -153,7 +161,7 @@ def _topic_message(path: Path) -> None:
         try:
             wire.validate(topic, wire.decode(topic, data[1:]))
         except wire.WireError as error:
-            told(error)
+            told(str(error))
 
 
 def _document(path: Path) -> None:
@@ -164,7 +172,7 @@ def _document(path: Path) -> None:
         try:
             wire.decode_json(query.request, data[1:])
         except wire.WireError as error:
-            told(error)
+            told(str(error))
 
 
 _MODELS = models_of_all()
@@ -173,6 +181,7 @@ READERS = (
     Reader("sdf", "world.sdf", _world),
     Reader("urdf", "robot.urdf", _world),
     Reader("xacro", "world.sdf.xacro", _world),
+    Reader("model_text", "model.sdf", _model_text),
     Reader("obj", "m.obj", _mesh),
     Reader("stl", "m.stl", _mesh),
     Reader("dae", "m.dae", _mesh),

@@ -9,6 +9,7 @@ import traceback
 from pathlib import Path
 
 from mazebot.common.config import ConfigError
+from mazebot.common.problems import words
 from tests.fuzz.readers import Reader, told
 
 MAX_S = 5.0
@@ -41,7 +42,8 @@ class Trial:
         except ConfigError as error:
             self.refused = True
             try:
-                told(error)
+                # As the command prints it.
+                told(words(error))
             except AssertionError as wrong:
                 return self._keep(data, wrong)
         except Exception as error:
