@@ -5,9 +5,12 @@ Each lets through what a command prints in one line (ConfigError), and nothing e
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, is_dataclass
 from pathlib import Path
+
+import numpy as np
+from pydantic import BaseModel
 
 from mazebot.cli.drive.waypoints_file import read_mission
 from mazebot.cli.logs.log import ScanForm
@@ -64,6 +67,25 @@ def told(line: str) -> None:
         raise AssertionError(f"must be one printable line: {line[:300]!r}")
 
 
+def all_finite(value: object, where: str = "") -> None:
+    """Raises AssertionError where a number in what was read is not finite: whoever uses it would
+    fail later, far from the file. Ranges may say that a beam has measured nothing.
+    """
+    if isinstance(value, float | np.ndarray | np.number):
+        if not np.isfinite(value).all():
+            raise AssertionError(f"{where} must be finite: {value!r:.80}")
+    elif isinstance(value, Mapping):
+        for key, one in value.items():
+            all_finite(one, f"{where}[{key!r}]")
+    elif isinstance(value, list | tuple):
+        for one in value:
+            all_finite(one, f"{where}[]")
+    elif isinstance(value, BaseModel) or is_dataclass(value):
+        for name, one in vars(value).items():
+            if name != "ranges_m":
+                all_finite(one, f"{where}.{name}")
+
+
 def _world(path: Path) -> None:
     """Whatever kind of file it is; it also becomes a recipe."""
     for problem in findings_of(path).problems:
@@ -90,7 +112,14 @@ def _mesh(path: Path) -> None:
 
 def _map(path: Path) -> None:
     path.with_name("map.pgm").write_bytes(b"P5 2 2 255\n\0\xfe\xcd\0")
-    read_map(path)
+    _sound_map(path)
+
+
+def _sound_map(path: Path) -> None:
+    read = read_map(path)
+    all_finite(read)
+    if read.cells.min() < -1 or read.cells.max() > 100:
+        raise AssertionError("cells must be -1 to 100")
 
 
 def _map_image(path: Path) -> None:
@@ -99,7 +128,7 @@ def _map_image(path: Path) -> None:
         f"image: {path.name}\nresolution: 0.05\norigin: [0, 0, 0]\nnegate: 0\n"
         "occupied_thresh: 0.65\nfree_thresh: 0.25\n"
     )
-    read_map(yaml)
+    _sound_map(yaml)
 
 
 def _nav2_params(path: Path) -> None:
@@ -111,7 +140,13 @@ def _settings(path: Path) -> None:
 
 
 def _log(path: Path) -> None:
-    read_log(path, ScanForm())
+    log = read_log(path, ScanForm())
+    all_finite(log)
+    times_ns = [entry.stamp_ns for entry in log.entries]
+    if times_ns != sorted(times_ns):
+        raise AssertionError("times must not go back")
+    if not log.scans:
+        raise AssertionError("a log that is read must have a scan")
 
 
 def _bag(path: Path) -> None:
@@ -146,7 +181,9 @@ def _key(path: Path) -> None:
 
 
 def _graph(path: Path) -> None:
-    graph_of(load_graph(path), path.name)
+    document = load_graph(path)
+    graph_of(document, path.name)
+    all_finite(document)
 
 
 def _material(path: Path) -> None:
@@ -198,11 +235,11 @@ READERS = (
     Reader("db3", "a.db3", _log),
     Reader("bag", "b.mcap", _bag),
     Reader("cut_recording", "run.mcap", _cut_recording),
-    Reader("relations", "a.relations", read_relations),
+    Reader("relations", "a.relations", lambda path: all_finite(read_relations(path))),
     Reader("slam_params", "slam.yaml", read_slam_params),
     Reader("graph", "map.posegraph", _graph),
-    Reader("waypoints", "w.yaml", lambda path: read_mission([f"{path}"])),
-    Reader("camera", "camera.yaml", read_camera_file),
+    Reader("waypoints", "w.yaml", lambda path: all_finite(read_mission([f"{path}"]))),
+    Reader("camera", "camera.yaml", lambda path: all_finite(read_camera_file(path))),
     Reader("dictionary", "codes.yml", lambda path: read_book(str(path))),
     Reader("picture", "picture.png", read_picture),
     Reader("summary", "summary.json", _run),

@@ -89,6 +89,9 @@ def scan(path: Path) -> Contents:
             if found.opcode in (rec.ATTACHMENT, rec.DATA_END):
                 contents.is_whole = _has_end(file)
                 return contents
+            if found.opcode == rec.FOOTER:
+                # One here is damage: nobody would read on after it.
+                break
             if found.opcode == rec.CHUNK:
                 chunk = found
                 continue
