@@ -38,7 +38,7 @@ from mazebot.common.world.map_files import read_map
 from mazebot.mapping.graph.graph_file import graph_of, load_graph
 from mazebot.navigation.behavior.nodes.xml_loader import read_tree_file
 from mazebot.worldgen.check import findings_of
-from mazebot.worldgen.model_reading import entity_of
+from mazebot.worldgen.models.model_reading import entity_of
 from mazebot.worldgen.sdf.reading.material_script import material_in
 
 CORPUS = Path(__file__).parent / "corpus"

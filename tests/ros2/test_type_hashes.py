@@ -37,6 +37,12 @@ SEEN = (
     ("kilted", "simulation_interfaces/msg/EntityFilters", "8e7b12e8ea062f14"),
     ("kilted", "simulation_interfaces/msg/Result", "cf43a306adff3337"),
     ("lyrical", "simulation_interfaces/srv/SpawnEntity", "66860313e11009fa"),
+    ("lyrical", "simulation_interfaces/srv/LoadWorld", "87d0ded1bfddb40a"),
+    ("lyrical", "simulation_interfaces/srv/GetAvailableWorlds", "ce5589b5523f2732"),
+    ("lyrical", "simulation_interfaces/srv/GetNamedPoses", "c3d12ab920115bfd"),
+    ("lyrical", "simulation_interfaces/srv/GetSpawnables", "3e25fd827d8bcbd9"),
+    ("lyrical", "simulation_interfaces/srv/GetEntityBounds", "17be8d36231178a5"),
+    ("lyrical", "simulation_interfaces/msg/EntityInfo", "3b9a2e7fa00f9a59"),
 )
 
 PACKAGES = Path(__file__).parents[2] / "ros2"

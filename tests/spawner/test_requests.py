@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import math
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from mazebot.common.messages.topics import (
     ASSETS,
     DELETE_ENTITY,
     GET_ENTITIES,
+    GET_ENTITY_BOUNDS,
     SET_ENTITY_STATE,
     SPAWN_ENTITY,
 )
@@ -507,6 +509,42 @@ def test_what_moves_is_told_where_it_is() -> None:
     stage.move("box", 1.0)
     found = stage.ask(GET_ENTITIES, doc.GetEntities())
     assert found.bodies[0].position_m == (1.0, 2.0, 0.2)
+
+
+def test_the_box_around_an_entity_is_told_in_its_frame() -> None:
+    stage = Stage()
+    turned = (0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5))
+    parts = (
+        doc.Shape(name="low", geometry=doc.Box(size_m=(0.4, 0.2, 0.2)), position_m=(0.1, 0, 0)),
+        doc.Shape(
+            name="high", geometry=doc.Cylinder(radius_m=0.05, length_m=0.6),
+            position_m=(0.0, 0.0, 0.2),
+        ),
+        doc.Shape(name="bar", geometry=doc.Box(size_m=(1.0, 0.1, 0.1)), orientation_xyzw=turned),
+    )  # fmt: skip
+    stage.spawn(box(shapes=parts, orientation_xyzw=turned))
+    reply = stage.ask(GET_ENTITY_BOUNDS, doc.GetEntityBounds(name="box"))
+    assert (reply.error, reply.low_m, reply.high_m) == (
+        "", pytest.approx((-0.1, -0.5, -0.1)), pytest.approx((0.3, 0.5, 0.5)),
+    )  # fmt: skip
+    none = stage.ask(GET_ENTITY_BOUNDS, doc.GetEntityBounds(name="x"))
+    assert none.error == "no such entity"
+
+
+def test_the_box_around_a_mesh_or_a_marker_is_told() -> None:
+    stage = Stage()
+    data = triangle()
+    (sha256,) = as_assets(data)
+    mesh = doc.Mesh(sha256=sha256, scale=(2.0, 1.0, 1.0))
+    one = box(shapes=(doc.Shape(name="mesh", geometry=mesh),), materials=())
+    reply = stage.spawn(one, assets=as_assets(data))
+    assert reply is not None
+    assert reply.error == ""
+    (panel,) = stage.physics.sets[-1].markers
+    half_m = panel.panel_side_m / 2.0
+    for name, high_m in (("box", (2.0, 1.0, 0.0)), ("aruco_7", (half_m, half_m, 0.0))):
+        bounds = stage.ask(GET_ENTITY_BOUNDS, doc.GetEntityBounds(name=name))
+        assert (bounds.error, bounds.high_m) == ("", pytest.approx(high_m))
 
 
 _NAMES = st.sampled_from(["a", "b", "c"])

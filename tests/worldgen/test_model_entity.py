@@ -10,7 +10,7 @@ import pytest
 from mazebot.common.config import ConfigError
 from mazebot.common.messages.documents import Box, Cylinder, Mesh
 from mazebot.common.world.geometry import mesh_from_bytes
-from mazebot.worldgen.model_entity import find_model, lowest_m, read_mesh, read_model
+from mazebot.worldgen.models.model_entity import find_model, lowest_m, read_mesh, read_model
 from mazebot.worldgen.sdf.marker_model import write_marker_model
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)

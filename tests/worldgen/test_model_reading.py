@@ -11,7 +11,7 @@ import pytest
 from mazebot.common.messages.action_documents import ReadModel
 from mazebot.common.messages.documents import BodyEntity, MarkerEntity
 from mazebot.common.world.assets import assets_of
-from mazebot.worldgen.model_reading import entity_of
+from mazebot.worldgen.models.model_reading import entity_of
 
 LINK = "<link name='l'><collision name='c'><geometry>{}</geometry></collision></link>"
 BOX = LINK.format("<box><size>1 1 1</size></box>")

@@ -186,8 +186,9 @@ def test_a_world_is_loaded_in_the_place_of_another(bench: Bench, tmp_path: Path)
     assert reply == LoadWorldReply(world_name="hall", world_hash=world.hash, is_new=True)
     assert reply.world_hash == bench.node.world_hash != first.world_hash
     assert bench.worlds() == GetWorldsReply(
-        names=("hall", "room"), running="hall", running_hash=world.hash
-    )
+        names=("hall", "room"), running="hall", running_hash=world.hash,
+        start=world.start, locations=world.locations,
+    )  # fmt: skip
     assert bench.ask("hall", overrides=("wall_height=3",), slam=True).error == ""
     assert "must be the world that is running, 'hall'" in bench.ask("room", slam=True).error
 

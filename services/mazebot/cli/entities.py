@@ -32,7 +32,7 @@ from mazebot.common.messages import documents as doc
 
 if TYPE_CHECKING:
     from mazebot.common.client.robot import Robot
-    from mazebot.worldgen.model_entity import Model
+    from mazebot.worldgen.models.model_entity import Model
 
 S = TypeVar("S", bound=doc.Document)
 
@@ -380,7 +380,7 @@ def _marker_of_model(noted: dict[str, str]) -> _MarkerAsked:
 def _from_files(
     mesh: Path | None, scale: str, model: str | None, models: list[Path] | None
 ) -> Model:
-    from mazebot.worldgen.model_entity import find_model, read_mesh, read_model  # noqa: PLC0415
+    from mazebot.worldgen.models.model_entity import find_model, read_mesh, read_model  # noqa: PLC0415
 
     if mesh is not None:
         factors = numbers("--scale", scale, 1, 3)
@@ -394,7 +394,7 @@ def _from_files(
 
 
 def _primitive(box: str | None, cylinder: str | None, sphere: str | None) -> Model:
-    from mazebot.worldgen.model_entity import Model  # noqa: PLC0415
+    from mazebot.worldgen.models.model_entity import Model  # noqa: PLC0415
 
     geometry: doc.Geometry
     if box is not None:
@@ -412,7 +412,7 @@ def _primitive(box: str | None, cylinder: str | None, sphere: str | None) -> Mod
 
 def _painted(made: Model, colour: str | None, texture: Path | None) -> Model:
     """The model with one material for all visuals, if a colour or a texture is given."""
-    from mazebot.worldgen.model_entity import texture_asset  # noqa: PLC0415
+    from mazebot.worldgen.models.model_entity import texture_asset  # noqa: PLC0415
 
     if colour is None and texture is None:
         return made
@@ -450,7 +450,7 @@ def _route(path: str, speed: float, loop: bool, yields: bool) -> doc.ScriptedPat
 
 def _body(name: str, made: Model, pose: _Pose, route: doc.ScriptedPath | None) -> doc.BodyEntity:
     """The entity, on the floor if no height is given. Raises ConfigError."""
-    from mazebot.worldgen.model_entity import lowest_m  # noqa: PLC0415
+    from mazebot.worldgen.models.model_entity import lowest_m  # noqa: PLC0415
 
     if pose.at_m is None:
         raise ConfigError("spawn: must be given --at X Y [Z]")

@@ -155,7 +155,14 @@ def one_line(
         if model is not None and problem["type"] == "extra_forbidden":
             hint = _nearest_hint(model, problem["loc"])
         parts.append(f"{field}: {must(problem['msg'])} (got {got}){hint}")
-    return "; ".join(parts)
+    return printable("; ".join(parts))
+
+
+def printable(text: str) -> str:
+    """A text with codes in place of control characters: what a stranger sends is shown, too."""
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in text)
 
 
 def _nearest_hint(model: type[BaseModel], location: tuple[int | str, ...]) -> str:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from pydantic import BaseModel, ConfigDict
 
-from mazebot.common.config import ConfigError
+from mazebot.common.config import ConfigError, printable
 
 Location = tuple[str | int, ...]
 
@@ -87,5 +87,4 @@ def shown_value(value: object) -> str:
 
 def words(text: object) -> str:
     """A text as one printable line."""
-    line = " ".join(str(text).split())
-    return "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in line)
+    return printable(" ".join(str(text).split()))

@@ -11,9 +11,13 @@ from typing import Any
 
 from mazebot.common.maths.frames import MAP_FRAME
 from mazebot.common.messages.documents import (
+    BodyEntity,
     Entities,
+    Entity,
+    EntityBoundsReply,
     EntityReply,
     GetEntities,
+    GetEntityBounds,
     Quaternion,
     SpawnEntity,
     Vector,
@@ -26,6 +30,7 @@ from mazebot.common.messages.topics import (
     DESIRED_ENTITIES,
     ENTITIES,
     GET_ENTITIES,
+    GET_ENTITY_BOUNDS,
     SET_ENTITY_STATE,
     SPAWN_ENTITY,
     TF,
@@ -38,6 +43,7 @@ from mazebot.common.world.marker_entities import PanelStyle, marker_entities
 from mazebot.common.world.placement import Placement
 from mazebot.spawner.config import SpawnerConfig
 from mazebot.spawner.desired_set import DesiredSet, Later, Waits
+from mazebot.spawner.entity_bounds import bounds_m
 
 MAX_WAITING = 1000
 """Requests that wait for the physics; more are refused."""
@@ -81,6 +87,7 @@ class SpawnerNode(Node):
         self._waiting: list[_Waiting] = []
         self._in_flight: list[tuple[str, _Waiting]] = []
         self._getting: list[Request[GetEntities, Entities]] = []
+        self._measuring: list[Request[GetEntityBounds, EntityBoundsReply]] = []
 
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
         """Process new messages, reply where possible, and publish a changed set."""
@@ -95,6 +102,7 @@ class SpawnerNode(Node):
                 self._files = {}
             self._gather(self._desired, outbox)
         self._take_poses(inbox)
+        self._measure()
 
     def waiting_for(self) -> str | None:
         """The missing part of a world and its meshes."""
@@ -163,6 +171,8 @@ class SpawnerNode(Node):
         self._queue(inbox.requests(DELETE_ENTITY))
         self._queue(inbox.requests(SET_ENTITY_STATE))
         self._getting = [*self._getting, *inbox.requests(GET_ENTITIES)][-MAX_WAITING:]
+        measuring = [*self._measuring, *inbox.requests(GET_ENTITY_BOUNDS)]
+        self._measuring = measuring[-MAX_WAITING:]
 
     def _queue(self, requests: Sequence[_Waiting]) -> None:
         waiting_bytes = sum(_asset_bytes(request) for request in self._waiting)
@@ -232,6 +242,29 @@ class SpawnerNode(Node):
         for request in self._getting:
             request.respond(found)
         self._getting = []
+
+    def _measure(self) -> None:
+        if self._standing is None or self._desired is None:
+            return
+        stands = {one.name: one for one in self._standing.entities}
+        for request in self._measuring:
+            request.respond(self._bounds_of(stands.get(request.message.name), self._desired))
+        self._measuring = []
+
+    @staticmethod
+    def _bounds_of(entity: Entity | None, desired: DesiredSet) -> EntityBoundsReply:
+        if entity is None:
+            return EntityBoundsReply(error="no such entity")
+        bodies = (entity,) if isinstance(entity, BodyEntity) else ()
+        files = desired.files()
+        try:
+            meshes = {sha256: mesh_from_bytes(files[sha256]) for sha256 in mesh_sha256s(bodies)}
+            low, high = bounds_m(entity, meshes)
+        except KeyError as error:
+            return EntityBoundsReply(error=f"{entity.name}: the mesh {error} is not known here")
+        except ValueError as error:
+            return EntityBoundsReply(error=f"{entity.name}: {error}")
+        return EntityBoundsReply(low_m=tuple(low.tolist()), high_m=tuple(high.tolist()))
 
     def _follow(self, inbox: Inbox) -> None:
         """Update the poses of the moving entities."""

@@ -17,6 +17,7 @@ from mazebot.common.messages.documents import MappedMarker, WorldRequest, WorldS
 from mazebot.common.messages.messages import occupancy_grid
 from mazebot.common.messages.topics import (
     ASSETS,
+    GET_MODELS,
     GET_WORLDS,
     LOAD_MAP,
     LOAD_WORLD,
@@ -33,7 +34,8 @@ from mazebot.common.world.assets import asset_message
 from mazebot.common.world.map_files import MapFile, read_map
 from mazebot.common.world.marker_file import marker_file_of, read_markers
 from mazebot.worldgen.config import WorldgenConfig
-from mazebot.worldgen.model_reading import entity_of
+from mazebot.worldgen.models.model_reading import entity_of
+from mazebot.worldgen.models.spawnable_models import SpawnableModels
 from mazebot.worldgen.recipe.loaded_world import LoadedWorld
 from mazebot.worldgen.recipe.loader import load_world
 from mazebot.worldgen.recipe.sources import full_name, known_worlds
@@ -56,6 +58,9 @@ class WorldgenNode(Node):
         """Raises ConfigError where the map cannot be read."""
         self._config = config
         self._load = load
+        self._model_roots = (config.worlds_dir / "models",)
+        """Folders of models, beside those that are shipped."""
+        self._models = SpawnableModels(self._model_roots)
         self._map = None if config.map_file is None else read_map(config.map_file)
         self._mapped_markers: tuple[MappedMarker, ...] | None = None
         self._running: LoadedWorld | None = None
@@ -86,8 +91,10 @@ class WorldgenNode(Node):
             wanted.respond(self._load_world(wanted.message, outbox))
         for asked in inbox.requests(GET_WORLDS):
             asked.respond(self._worlds())
+        for listing in inbox.requests(GET_MODELS):
+            listing.respond(self._models.answer())
         for read in inbox.requests(READ_MODEL):
-            read.respond(entity_of(read.message, self._config.worlds_dir / "models"))
+            read.respond(entity_of(read.message, *self._model_roots))
         for map_wanted in inbox.requests(LOAD_MAP):
             map_wanted.respond(self._load_map(map_wanted.message, outbox))
 
@@ -198,8 +205,13 @@ class WorldgenNode(Node):
             _log.error("%s", error)
             names = []
         running = self._of_running()
+        world = None if self._running is None else self._running.world
         return GetWorldsReply(
-            names=tuple(names), running=running.world_name, running_hash=running.world_hash
+            names=tuple(names),
+            running=running.world_name,
+            running_hash=running.world_hash,
+            start=None if world is None else world.start,
+            locations=() if world is None else world.locations,
         )
 
     def _markers_beside_map(self, loaded: LoadedWorld) -> tuple[MappedMarker, ...] | None:

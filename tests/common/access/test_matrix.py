@@ -139,7 +139,8 @@ def test_a_viewer_asks_only_what_changes_nothing() -> None:
     }
     assert {name for name in may if name.rpartition("/")[2] not in of_nodes} == {
         "/get_available_worlds", "/get_current_world", "/get_entities", "/get_entities_states",
-        "/get_entity_state", "/get_simulation_state", "/get_simulator_features",
+        "/get_entity_bounds", "/get_entity_info", "/get_entity_state", "/get_named_poses",
+            "/get_simulation_state", "/get_simulator_features", "/get_spawnables",
     }  # fmt: skip
     for role in (OPERATOR, AUTONOMY):
         assert all(decide(GRANTS[role], Verb.QUERY, key)[0] for key in SERVICE_KEYS)

@@ -11,12 +11,12 @@ import pytest
 
 from mazebot.common.config import ServiceConfig
 from mazebot.common.messages import documents as doc
-from mazebot.common.messages.topics import READ_MODEL, Query
+from mazebot.common.messages.topics import GET_ENTITY_BOUNDS, READ_MODEL, Query
 from mazebot.common.node.node import Inbox, Node, Outbox
 from mazebot.common.ros import simulation as sim
 from mazebot.common.ros.interfaces import interfaces
 from mazebot.common.ros.table import ROS_SERVICES, services_of
-from mazebot.worldgen.model_reading import entity_of
+from mazebot.worldgen.models.model_reading import entity_of
 
 BOX = {
     "name": "box", "kind": "body", "position_m": [0, 0, 0],
@@ -39,6 +39,7 @@ class Spawner:
 
     def __init__(self, error: str = "") -> None:
         self.asked: list[Any] = []
+        self.entities: tuple[doc.Entity, ...] = (BODY, OTHER)
         self._error = error
 
     def __call__(self, query: Query[Any, Any], document: Any) -> Any:
@@ -47,7 +48,11 @@ class Spawner:
         if query is READ_MODEL:
             return entity_of(document)
         if query.response is doc.Entities:
-            return doc.Entities(world_hash="", entities=(BODY, OTHER))
+            return doc.Entities(world_hash="", entities=self.entities)
+        if query is GET_ENTITY_BOUNDS:
+            return doc.EntityBoundsReply(
+                error=self._error, low_m=(-0.1, -0.2, -0.3), high_m=(0.1, 0.2, 0.3)
+            )
         return doc.EntityReply(error=self._error, name="box_1")
 
 
@@ -189,15 +194,67 @@ def test_entities_are_listed_by_the_pattern_of_their_names() -> None:
 @pytest.mark.parametrize(
     "filters",
     [
-        {"filter": "(a+)+$"}, {"filter": "a*b*c*"}, {"filter": "*"}, {"tags": {"tags": ["x"]}},
-        {"categories": [{"category": 1}]}, {"bounds": {"points": [{"x": 1.0}]}},
+        {"filter": "(a+)+$"}, {"filter": "a*b*c*"}, {"filter": "*"},
+        {"categories": [{"category": 9}]}, {"bounds": {"points": [{"x": 1.0}]}},
+        {"bounds": {"type": 1}},
     ],
 )  # fmt: skip
-def test_a_filter_that_could_take_forever_is_not_supported(filters: Mapping[str, Any]) -> None:
+def test_a_filter_that_is_unknown_or_could_take_forever_is_not_supported(
+    filters: Mapping[str, Any],
+) -> None:
     spawner = Spawner()
     response = answer("/get_entities", {"filters": filters}, spawner)
     assert response.result.result == sim.FEATURE_UNSUPPORTED
     assert not spawner.asked
+
+
+MARKER = doc.MarkerEntity(
+    name="m5", position_m=(0.0, 0.0, 0.0), orientation_xyzw=(0.0, 0.0, 0.0, 1.0), panel_side_m=0.2,
+    texture_sha256="", marker_id=5, marker_size_m=0.15, dictionary="DICT_4X4_50",
+)  # fmt: skip
+PUSHED = BODY.model_copy(update={"name": "ball", "mass_kg": 0.5})
+WALKER = BODY.model_copy(
+    update={
+        "name": "walker",
+        "path": doc.ScriptedPath(waypoints_m=((1.0, 1.0),), speed_m_s=0.4),
+    }
+)
+
+
+def test_an_entity_is_of_a_category_and_has_tags() -> None:
+    spawner = Spawner()
+    spawner.entities = (BODY, PUSHED, WALKER, MARKER)
+    found = {
+        name: answer("/get_entity_info", {"entity": name}, spawner).info
+        for name in ("crate_1", "ball", "walker", "m5")
+    }
+    # STATIC_OBJECT, OBJECT, DYNAMIC_OBJECT, STATIC_OBJECT
+    assert [info.category.category for info in found.values()] == [5, 0, 4, 5]
+    assert [info.tags for info in found.values()] == [["body"]] * 3 + [["marker"]]
+    assert found["m5"].description == "ArUco marker 5 of DICT_4X4_50, 0.15 m"
+    assert found["ball"].description == "box; 0.5 kg"
+    assert "0.4 m/s" in found["walker"].description
+    for filters, names in (
+        ({"categories": [{"category": 5}]}, ["crate_1", "m5"]),
+        ({"categories": [{"category": 0}, {"category": 4}]}, ["ball", "walker"]),
+        ({"tags": {"tags": ["marker", "x"]}}, ["m5"]),
+        ({"tags": {"tags": ["marker", "x"], "filter_mode": 1}}, []),
+        ({"tags": {"tags": ["body"]}, "filter": "l", "categories": [{"category": 4}]}, ["walker"]),
+    ):
+        response = answer("/get_entities", {"filters": filters}, spawner)
+        assert (response.result.result, response.entities) == (sim.OK, names)
+    assert answer("/get_entity_info", {"entity": "x"}, spawner).result.result == sim.NOT_FOUND
+
+
+def test_an_entity_has_bounds() -> None:
+    response = answer("/get_entity_bounds", {"entity": "crate_1"}, Spawner())
+    assert (response.result.result, response.bounds.type) == (sim.OK, 1)
+    corners = [(point.x, point.y, point.z) for point in response.bounds.points]
+    assert corners == [(0.1, 0.2, 0.3), (-0.1, -0.2, -0.3)]
+    unknown = answer("/get_entity_bounds", {"entity": "x"}, Spawner())
+    assert unknown.result.result == sim.NOT_FOUND
+    failed = answer("/get_entity_bounds", {"entity": "crate_1"}, Spawner("no mesh"))
+    assert (failed.result.result, failed.result.error_message) == (sim.OPERATION_FAILED, "no mesh")
 
 
 def test_an_entity_has_a_state_that_can_be_set() -> None:

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from mazebot.common.messages.documents import Document, Entity, Finite, Planar
+from mazebot.common.messages.documents import Document, Entity, Finite, Location, Planar
 
 NonNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 _ALLOWANCE = "longest duration; 0: no limit"
@@ -272,6 +272,15 @@ class GetWorldsReply(Document):
     names: tuple[str, ...] = ()
     running: str = Field("", description="its name; empty: none is running yet")
     running_hash: str = ""
+    start: Planar | None = Field(None, description="where the robot begins in it")
+    locations: tuple[Location, ...] = Field((), description="its named places")
+
+
+class GetModelsReply(Document):
+    """The models that can be spawned by their names."""
+
+    error: str = Field("", description="one line; empty: these are all")
+    names: tuple[str, ...] = ()
 
 
 class SaveMap(Document):

@@ -404,6 +404,10 @@ SET_ENTITY_STATE = Query(
 GET_ENTITIES = Query(
     "/get_entities", doc.GetEntities, doc.Entities, "spawner", "the entities in the world"
 )
+GET_ENTITY_BOUNDS = Query(
+    "/get_entity_bounds", doc.GetEntityBounds, doc.EntityBoundsReply, "spawner",
+    "the box around an entity",
+)  # fmt: skip
 SIMULATION_CONTROL = Query(
     "/simulation/control", doc.SimulationControl, doc.SimulationControlReply, "physics",
     "pause, resume, step, reset, seed, speed, run until",
@@ -445,6 +449,10 @@ LOAD_WORLD = Query(
 GET_WORLDS = Query(
     "/world/list", act.Empty, act.GetWorldsReply, "worldgen",
     "the names of the worlds, and the one that is running",
+)  # fmt: skip
+GET_MODELS = Query(
+    "/world/models", act.Empty, act.GetModelsReply, "worldgen",
+    "the models that can be spawned by their names",
 )  # fmt: skip
 READ_MODEL = Query(
     "/world/read_model", act.ReadModel, act.ReadModelReply, "worldgen",

@@ -18,6 +18,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
+from mazebot.common.config import printable
 from mazebot.common.messages import cdr, document_types
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.documents import Document
@@ -61,10 +62,12 @@ _FEW = 40
 
 
 class WireError(ValueError):
-    """An invalid message; `reason` is a short phrase by which it is counted."""
+    """An invalid message; `reason` is a short phrase by which it is counted, `detail` may quote
+    whoever has sent it.
+    """
 
     def __init__(self, reason: str, detail: str = "") -> None:
-        super().__init__(f"{reason}: {detail}" if detail else reason)
+        super().__init__(printable(f"{reason}: {detail}") if detail else reason)
         self.reason = reason
 
 

@@ -29,6 +29,7 @@ _WAYPOINTS_GOAL = (
 )
 _WAYPOINTS_FEEDBACK = "---\nuint32 current_waypoint\n"
 _RESULT = "Result result\n"
+_SPAWNABLE = "string description\nBounds spawn_bounds\n"
 _UNSUPPORTED = "bool fail_on_unsupported_element\nbool ignore_missing_or_unsupported_assets\n"
 
 KILTED: Final[dict[str, str]] = {
@@ -110,6 +111,17 @@ KILTED: Final[dict[str, str]] = {
     "simulation_interfaces/srv/GetEntityState": f"string entity\n---\n{_RESULT}"
     "EntityState state\n",
     "simulation_interfaces/srv/SetEntityState": f"string entity\nEntityState state\n---\n{_RESULT}",
+    "simulation_interfaces/msg/EntityInfo": "EntityCategory category\nstring description\n"
+    "string[] tags\n",
+    "simulation_interfaces/srv/GetEntityInfo": f"string entity\n---\n{_RESULT}EntityInfo info\n",
+    "simulation_interfaces/srv/GetEntityBounds": f"string entity\n---\n{_RESULT}Bounds bounds\n",
+    "simulation_interfaces/msg/Spawnable": f"string uri\n{_SPAWNABLE}",
+    "simulation_interfaces/srv/GetSpawnables": f"string[] sources\n---\n{_RESULT}"
+    "Spawnable[] spawnables\n",
+    "simulation_interfaces/msg/NamedPose": "string name\nstring description\nstring[] tags\n"
+    "geometry_msgs/Pose pose\n",
+    "simulation_interfaces/srv/GetNamedPoses": f"TagsFilter tags\n---\n{_RESULT}"
+    "NamedPose[] poses\n",
     "simulation_interfaces/srv/GetSimulationState": f"---\nSimulationState state\n{_RESULT}",
     "simulation_interfaces/srv/SetSimulationState": f"SimulationState state\n---\n{_RESULT}",
     "simulation_interfaces/srv/ResetSimulation": f"uint8 scope\n---\n{_RESULT}",
@@ -150,6 +162,7 @@ LYRICAL: Final[dict[str, str]] = {
     "simulation_interfaces/srv/SpawnEntity": "string name\nbool allow_renaming\n"
     "Resource entity_resource\nstring entity_namespace\ngeometry_msgs/PoseStamped initial_pose\n"
     f"---\n{_RESULT}string entity_name\n",
+    "simulation_interfaces/msg/Spawnable": f"Resource entity_resource\n{_SPAWNABLE}",
     "simulation_interfaces/srv/SetEntityState": "string entity\nEntityState state\n"
     f"bool set_pose\nbool set_twist\nbool set_acceleration\n---\n{_RESULT}",
 }  # fmt: skip

@@ -16,6 +16,7 @@ from mazebot.common.messages import messages as msg
 from mazebot.common.messages.topics import (
     DELETE_ENTITY,
     GET_ENTITIES,
+    GET_ENTITY_BOUNDS,
     READ_MODEL,
     SET_ENTITY_STATE,
     SIMULATION_CONTROL,
@@ -24,6 +25,7 @@ from mazebot.common.messages.topics import (
 )
 from mazebot.common.node.node import Node
 from mazebot.common.ros.call import Response, Service, Steps, answered
+from mazebot.common.ros.entity_filters import box, filtered, info_of, problem_of
 
 FEATURE_UNSUPPORTED, OK, NOT_FOUND, INCORRECT_STATE, OPERATION_FAILED = range(5)
 NAME_NOT_UNIQUE, NAME_INVALID, UNSUPPORTED_FORMAT, NO_RESOURCE = 101, 102, 103, 104
@@ -34,7 +36,9 @@ _PLAYING, _PAUSED, _NO_WORLD = 1, 2, 4
 _RESETS = {0: "all", 3: "all", 255: "all", 1: "time"}
 """By the bits of the scope: 1 time, 2 state, 4 what was spawned; 0 is 255, all."""
 _FEATURES: Final = {
-    "SPAWNING": 0, "DELETING": 1, "ENTITY_STATE_GETTING": 10, "ENTITY_STATE_SETTING": 11,
+    "SPAWNING": 0, "DELETING": 1, "NAMED_POSES": 2, "ENTITY_TAGS": 4, "ENTITY_BOUNDS": 5,
+    "ENTITY_CATEGORIES": 8, "SPAWNING_RESOURCE_STRING": 9, "ENTITY_STATE_GETTING": 10,
+    "ENTITY_STATE_SETTING": 11, "ENTITY_INFO_GETTING": 12, "SPAWNABLES": 14,
     "SIMULATION_RESET": 20, "SIMULATION_RESET_TIME": 21, "SIMULATION_STATE_GETTING": 24,
     "SIMULATION_STATE_SETTING": 25, "SIMULATION_STATE_PAUSE": 26, "STEP_SIMULATION_SINGLE": 31,
     "STEP_SIMULATION_MULTIPLE": 32, "WORLD_LOADING": 40, "WORLD_INFO_GETTING": 44,
@@ -42,8 +46,6 @@ _FEATURES: Final = {
 }  # fmt: skip
 _WORLD_FRAMES = ("", "world", MAP_FRAME)
 _MOST_STEPS = 10_000_000
-_PLAIN_FILTER = re.compile(r"[\w .|^$*/-]*")
-_MOST_STARS = 2
 _MODEL_URI = re.compile(r"(?:model://)?([\w-][\w.-]*)")
 _ENTITY: TypeAdapter[doc.Entity] = TypeAdapter(doc.Entity)
 
@@ -149,33 +151,12 @@ def _entity_state(entity: doc.Entity) -> dict[str, Any]:
     return {"header": {"frame_id": MAP_FRAME}, "pose": pose}
 
 
-def _unfiltered(filters: Any) -> str:
-    """Why a filter is not supported; empty: it is. A name's pattern is one that takes no longer
-    than its length times the name's: without groups, and with few stars.
-    """
-    if filters.categories or filters.tags.tags or filters.bounds.points:
-        return "filters: only `filter`, by names, is supported"
-    pattern = filters.filter
-    if not _PLAIN_FILTER.fullmatch(pattern) or pattern.count("*") > _MOST_STARS:
-        return (
-            f"filters.filter: {pattern!r:.80}: must consist of letters, digits, |, ^, $, . and at "
-            f"most {_MOST_STARS} *"
-        )
-    try:
-        re.compile(pattern)
-    except re.error as error:
-        return f"filters.filter: {pattern!r:.80}: {error}"
-    return ""
-
-
 def _filtered(request: Any, _: Node) -> Steps:
-    problem = _unfiltered(request.filters)
+    problem = problem_of(request.filters)
     if problem:
         return result(FEATURE_UNSUPPORTED, problem)
     found = yield GET_ENTITIES, doc.GetEntities()
-    pattern = re.compile(request.filters.filter)
-    entities = [one for one in found.entities if pattern.search(one.name)]
-    return {"found": entities, **result()}
+    return {"found": filtered(found.entities, request.filters), **result()}
 
 
 def _get_entities(request: Any, node: Node) -> Steps:
@@ -192,12 +173,32 @@ def _get_entities_states(request: Any, node: Node) -> Steps:
     return response
 
 
-def _get_entity_state(request: Any, _: Node) -> Steps:
+def _named(name: str) -> Generator[tuple[Query[Any, Any], Any], Any, doc.Entity | None]:
     found = yield GET_ENTITIES, doc.GetEntities()
-    for entity in found.entities:
-        if entity.name == request.entity:
-            return {"state": _entity_state(entity), **result()}
-    return _missing(request.entity)
+    return next((one for one in found.entities if one.name == name), None)
+
+
+def _get_entity_state(request: Any, _: Node) -> Steps:
+    entity = yield from _named(request.entity)
+    if entity is None:
+        return _missing(request.entity)
+    return {"state": _entity_state(entity), **result()}
+
+
+def _get_entity_info(request: Any, _: Node) -> Steps:
+    entity = yield from _named(request.entity)
+    if entity is None:
+        return _missing(request.entity)
+    return {"info": info_of(entity), **result()}
+
+
+def _get_entity_bounds(request: Any, _: Node) -> Steps:
+    if (yield from _named(request.entity)) is None:
+        return _missing(request.entity)
+    reply = yield GET_ENTITY_BOUNDS, doc.GetEntityBounds(name=request.entity)
+    if reply.error:
+        return result(OPERATION_FAILED, reply.error)
+    return {"bounds": box(reply.low_m, reply.high_m), **result()}
 
 
 def _missing(name: str) -> Response:
@@ -314,6 +315,14 @@ SIMULATION_SERVICES: Final = (
     _service(
         "/get_entity_state", "GetEntityState", "spawner", _get_entity_state,
         "the pose of an entity",
+    ),
+    _service(
+        "/get_entity_info", "GetEntityInfo", "spawner", _get_entity_info,
+        "whether an entity moves by itself, can be pushed or stays, and what it is",
+    ),
+    _service(
+        "/get_entity_bounds", "GetEntityBounds", "spawner", _get_entity_bounds,
+        "the box around an entity, in its own frame",
     ),
     _service(
         "/set_entity_state", "SetEntityState", "spawner", _set_entity_state,

@@ -45,5 +45,19 @@ class EntityReply(Document):
     orientation_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0)
 
 
+class GetEntityBounds(Document):
+    """Requests the box around an entity."""
+
+    name: str
+
+
+class EntityBoundsReply(Document):
+    """The box, with sides along the axes of the entity's frame."""
+
+    error: str = Field("", description="one line; empty: done")
+    low_m: Vector = Field((0.0, 0.0, 0.0), description="its least x, y, z")
+    high_m: Vector = Field((0.0, 0.0, 0.0), description="its greatest x, y, z")
+
+
 class GetEntities(Document):
     """Requests the list of entities in the world."""

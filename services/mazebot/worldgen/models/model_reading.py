@@ -17,7 +17,7 @@ from mazebot.common.messages.documents import BodyEntity, Marker, MarkerEntity
 from mazebot.common.problems import words
 from mazebot.common.world import marker_picture
 from mazebot.common.world.marker_entities import drawn_marker
-from mazebot.worldgen.model_entity import Model, named_model, read_model
+from mazebot.worldgen.models.model_entity import Model, named_model, read_model
 
 _LOG = logging.getLogger("worldgen")
 _TEXT = "resource_string"

@@ -70,17 +70,22 @@ def named_model(name: str, roots: Sequence[Path] = ()) -> Path:
     """The folder of a model by its name, in one of the roots or among the shipped models. Raises
     ConfigError.
     """
-    folders = [*roots, SHIPPED]
-    for folder in folders:
+    for folder in (*roots, SHIPPED):
         try:
             if (folder / name).exists():
                 return folder / name
         except (OSError, ValueError):
             continue
-    known = sorted({p.parent.name for folder in folders for p in folder.glob("*/model.config")})
+    known = ", ".join(model_names(roots))
     raise ConfigError(
-        words(f"model: {name!r:.100}: must be a file, a folder, or one of {', '.join(known):.300}")
+        words(f"model: {name!r:.100}: must be a file, a folder, or one of {known:.300}")
     )
+
+
+def model_names(roots: Sequence[Path] = ()) -> list[str]:
+    """The names that `named_model` takes, sorted."""
+    folders = (*roots, SHIPPED)
+    return sorted({path.parent.name for one in folders for path in one.glob("*/model.config")})
 
 
 def read_model(

@@ -1,0 +1,1 @@
+"""Models of SDF and URDF that can be put into a world."""
