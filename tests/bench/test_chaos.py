@@ -14,8 +14,9 @@ from pathlib import Path
 
 import pytest
 
-from mazebot.bench.chaos import clocks
+from mazebot.bench.chaos import machines
 from mazebot.bench.chaos.faults import FAULTS, SHORT
+from mazebot.bench.chaos.machines import Machine
 from mazebot.bench.chaos.plots import write_plot
 from mazebot.bench.chaos.recordings import faults_of_recordings
 from mazebot.bench.chaos.summary import met, rows_of
@@ -112,37 +113,52 @@ def test_nothing_to_be_done_is_one_line(tmp_path: Path, options: tuple[str, ...]
     assert done.stderr.startswith("error: ")
 
 
-def test_a_clock_is_set_while_a_program_runs(tmp_path: Path) -> None:
+def test_a_machine_is_changed_while_a_program_runs(tmp_path: Path) -> None:
     if shutil.which("cc") is None:
         with pytest.raises(ConfigError, match="C compiler"):
-            clocks.compiler()
+            machines.compiler()
         return
-    file = tmp_path / "clock"
-    clocks.set_clock(file, 0)
-    variables = clocks.variables(str(clocks.compile_library(tmp_path)), str(file))
+    file = tmp_path / "machine"
+    machines.set_machine(file, Machine())
+    variables = machines.variables(str(machines.compile_library(tmp_path)), str(file))
     shows = (
-        "import datetime, sys, time\n"
-        "for _ in sys.stdin:\n"
+        "import datetime, os, sys, time\n"
+        "for line in sys.stdin:\n"
+        "    begin_s = time.monotonic()\n"
+        "    os.write(int(line), bytes(20_000))\n"
         "    time.sleep(0.001)\n"
         "    now = datetime.datetime.now(datetime.UTC).timestamp()\n"
-        "    print(time.time(), now, time.monotonic(), flush=True)"
+        "    print(now, time.monotonic() - begin_s)\n"
+        "    print(time.time(), 9.0, time.monotonic(), flush=True)"
     )
-    with subprocess.Popen(
-        [sys.executable, "-c", shows], env={**os.environ, **variables},
-        stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
-    ) as program:  # fmt: skip
+    with (
+        (tmp_path / "written").open("wb", buffering=0) as opened,
+        subprocess.Popen(
+            [sys.executable, "-c", shows], env={**os.environ, **variables},
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+            pass_fds=(opened.fileno(),),
+        ) as program,
+    ):  # fmt: skip
         assert program.stdin is not None
         assert program.stdout is not None
-        for added_s in (0, 3600, -3600, 0):
-            clocks.set_clock(file, added_s)
-            program.stdin.write("\n")
+        for machine in (
+            Machine(), Machine(added_s=3600), Machine(added_s=-3600), Machine(),
+            Machine(disk_bytes_s=100_000),
+        ):  # fmt: skip
+            machines.set_machine(file, machine)
+            program.stdin.write(f"{opened.fileno()}\n")
             program.stdin.flush()
-            wall_s, date_s, monotonic_s = map(float, program.stdout.readline().split())
-            clocks.check(wall_s, added_s, "the program")
-            clocks.check(date_s, added_s, "the program")
-            assert abs(monotonic_s - time.monotonic()) < 60.0
+            shown = program.stdout.readline()
+            machines.check(shown, machine, "the program")
+            *also, monotonic_s = program.stdout.readline().split()
+            machines.check(" ".join(also), machine, "the program")
+            assert abs(float(monotonic_s) - time.monotonic()) < 60.0
+            wrong = machine._replace(added_s=machine.added_s + 1800)
             with pytest.raises(ConfigError, match="the program: the clock cannot be set here"):
-                clocks.check(wall_s, added_s + 1800, "the program")
+                machines.check(shown, wrong, "the program")
+        with pytest.raises(ConfigError, match="the program: the disk cannot be made slow here"):
+            machines.check(shown, Machine(disk_bytes_s=100), "the program")
+        assert os.fstat(opened.fileno()).st_size == 5 * 20_000
         program.stdin.close()
 
 

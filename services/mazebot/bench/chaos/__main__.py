@@ -13,8 +13,15 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from mazebot.bench.chaos.clocks import compiler
-from mazebot.bench.chaos.faults import EXPLORING_FAULTS, FAULTS, LINK_FAULTS, SHORT, Fault
+from mazebot.bench.chaos.faults import (
+    EXPLORING_FAULTS,
+    FAULTS,
+    LINK_FAULTS,
+    MACHINES,
+    SHORT,
+    Fault,
+)
+from mazebot.bench.chaos.machines import compiler
 from mazebot.bench.chaos.plots import write_plot
 from mazebot.bench.chaos.recordings import faults_of_recordings
 from mazebot.bench.chaos.run import run_faults
@@ -44,7 +51,7 @@ def main(arguments: Sequence[str]) -> int:
         order[i] for i in random_generator(options.seed, "chaos/order").permutation(len(order))
     ]
     with tempfile.TemporaryDirectory(prefix="mazebot-chaos-") as name:
-        stack = _stack(options, Path(name), any(one.kind == "clock" for one in faults))
+        stack = _stack(options, Path(name), any(one.kind in MACHINES for one in faults))
         try:
             trials, broken = _run(stack, order, options)
         except (BusUnavailableError, ConfigError) as error:
@@ -112,7 +119,7 @@ def _obstacle(fault: Fault, containers: bool) -> str:
     """Why a fault cannot be done here; empty: it can."""
     if fault.needs_containers and not containers:
         return "needs containers (CONTAINERS=1)"
-    if fault.kind == "clock":
+    if fault.kind in MACHINES:
         try:
             compiler()
         except ConfigError as error:
@@ -120,11 +127,11 @@ def _obstacle(fault: Fault, containers: bool) -> str:
     return ""
 
 
-def _stack(options: argparse.Namespace, folder: Path, has_clocks: bool) -> Stack:
+def _stack(options: argparse.Namespace, folder: Path, has_machines: bool) -> Stack:
     if options.links:
         return LinkedStack(folder, options.seed)
     kind = ContainerStack if options.containers else ProcessStack
-    return kind(folder, options.seed, options.explore, has_clocks)
+    return kind(folder, options.seed, options.explore, has_machines)
 
 
 def _run(

@@ -8,11 +8,12 @@ from functools import partial
 from typing import Final, Literal
 
 from mazebot.bench.chaos.links import Shape
+from mazebot.bench.chaos.machines import Machine
 from mazebot.bench.chaos.stacks import EXPLORING, SERVICES, Stack
 
 Kind = Literal[
     "kill", "freeze", "cut", "restart", "starve", "squeeze", "late", "half-open", "delay", "slow",
-    "clock",
+    "clock", "disk",
 ]  # fmt: skip
 
 STOP_S: Final = 0.25
@@ -25,6 +26,11 @@ SHAPES: Final[dict[Kind, Shape]] = {
     "slow": Shape(rate_bytes_s=125_000.0),
 }
 """Of links: the second one way, the third 1 Mbit/s."""
+MACHINES: Final[dict[Kind, Machine]] = {
+    "clock": Machine(added_s=3600),
+    "disk": Machine(disk_bytes_s=100_000),
+}
+"""What services see of theirs."""
 _BACK_S: Final = {"router": 2.0, "navigation": 3.0, "localization": 3.0, "physics": 5.0}
 """Of a killed service, on a quiet machine; of the others 5 s."""
 DRIVES_BY: Final = frozenset({"navigation", "localization", "mapping", "physics", "router"})
@@ -55,7 +61,7 @@ class Fault:
     @property
     def stops(self) -> bool:
         """Whether the robot must stand."""
-        if self.kind in ("delay", "slow", "starve", "clock"):
+        if self.kind in ("delay", "slow", "starve", *MACHINES):
             return False
         return self.ends_all or not DRIVES_BY.isdisjoint(self.services)
 
@@ -76,7 +82,8 @@ class Fault:
         acts: dict[Kind, Callable[[str], None]] = {
             "kill": stack.kill, "freeze": stack.freeze, "cut": stack.cut,
             "restart": lambda _: stack.restart(), "starve": stack.starve, "late": stack.hold_back,
-            "squeeze": stack.squeeze, "clock": stack.advance_clock,
+            "squeeze": stack.squeeze,
+            **{kind: partial(stack.alter, machine=machine) for kind, machine in MACHINES.items()},
             **{kind: partial(stack.shape, shape=shape) for kind, shape in SHAPES.items()},
         }  # fmt: skip
         for service in self.services or (_ALL,):
@@ -86,8 +93,7 @@ class Fault:
         """Undo it."""
         acts: dict[Kind, Callable[[str], None]] = {
             "freeze": stack.thaw, "cut": stack.join, "starve": stack.feed, "late": stack.release,
-            "clock": stack.set_clock_right,
-            **dict.fromkeys(SHAPES, stack.unshape)
+            **dict.fromkeys(MACHINES, stack.restore), **dict.fromkeys(SHAPES, stack.unshape),
         }  # fmt: skip
         if self.kind in acts:
             for service in self.services or (_ALL,):
@@ -125,6 +131,8 @@ FAULTS: Final[tuple[Fault, ...]] = (
         Fault("clock", (service,), 20.0, needs_containers=True)
         for service in ("navigation", "localization", "physics", "recorder", "router")
     ),
+    Fault("disk", (), 20.0),
+    Fault("disk", ("recorder",), 20.0, needs_containers=True),
     Fault("late", ("router",), 5.0, needs_containers=True),
     Fault("restart", ()),
 )  # fmt: skip

@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 
-from mazebot.bench.chaos.faults import SHAPES, Fault
+from mazebot.bench.chaos.faults import MACHINES, SHAPES, Fault
 from mazebot.bench.chaos.stacks import Stack
 from mazebot.bench.chaos.tasks import GOAL_S, RECOVERY_S, Drive, Exploration, Task
 from mazebot.bench.chaos.trial import Trial
@@ -101,7 +101,7 @@ def try_one(stack: Stack, witness: Witness, task: Task, fault: Fault, trial: Tri
     trial.drives_s = time.monotonic() - ended_s
     _judge_stop(witness, fault, trial, before, begun_s)
     _judge_continuity(witness, fault, trial, before, ended_s, world_hash)
-    if fault.kind == "clock" and _watchdog_stops(witness) != stops:
+    if fault.kind in MACHINES and _watchdog_stops(witness) != stops:
         trial.problem = "the watchdog has stopped the robot"
     if fault.ends_all:
         trial.goal = "ended with the stack"

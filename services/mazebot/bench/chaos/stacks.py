@@ -13,8 +13,9 @@ from abc import ABC, abstractmethod
 from contextlib import ExitStack
 from pathlib import Path
 
-from mazebot.bench.chaos import clocks
+from mazebot.bench.chaos import machines
 from mazebot.bench.chaos.links import Links, Shape
+from mazebot.bench.chaos.machines import Machine
 from mazebot.bench.parts.loopback_router import free_port, running_router
 from mazebot.common.access.grants import OPERATOR
 from mazebot.common.bus.config import BusConfig
@@ -29,9 +30,7 @@ SERVICES = (
 EXPLORING = (*(one for one in SERVICES if one != "localization"), "mapping", "explorer")
 """In place of these, where the robot makes its map."""
 _COMMAND_S = 300.0
-_CLOCK_S = 3600
-"""By so much a clock is set on."""
-_CLOCKS = "clocks"
+_MACHINES = "machines"
 _SQUEEZED_S = 10.0
 _SPARE_BYTES, _TAKEN_BYTES = 16_000_000, 48_000_000
 """Left to a service below its limit, and what is taken of it: less than any service has."""
@@ -43,15 +42,17 @@ class Stack(ABC):
     """All services of one robot, without a demo."""
 
     def __init__(
-        self, folder: Path, seed: int, explores: bool = False, has_clocks: bool = False
+        self, folder: Path, seed: int, explores: bool = False, has_machines: bool = False
     ) -> None:
-        """`explores`: without a map, the robot makes one; `has_clocks`: clocks can be set."""
+        """`explores`: without a map, the robot makes one; `has_machines`: what they see
+        of their machines can be changed.
+        """
         self.port = free_port()
         self.folder = folder
         self.services = EXPLORING if explores else SERVICES
         self._seed = seed
         self._explores = explores
-        self._has_clocks = has_clocks
+        self._has_machines = has_machines
         self._processes: dict[str, int] = {}
         self._environment = {
             name: value
@@ -128,14 +129,14 @@ class Stack(ABC):
         """
         raise ConfigError(f"{service}: only a container has a memory limit")
 
-    def advance_clock(self, service: str) -> None:
-        """Set the wall clock of a service on by an hour; an empty name stands for all. Raises
+    def alter(self, service: str, machine: Machine) -> None:
+        """Change what a service sees of its machine; an empty name stands for all. Raises
         ConfigError where that cannot be done here.
         """
-        raise ConfigError(f"{service or 'all'}: the clock cannot be set here")
+        raise ConfigError(f"{service or 'all'}: the machine cannot be changed here")
 
-    def set_clock_right(self, service: str) -> None:  # noqa: B027 - see advance_clock
-        """Set it back."""
+    def restore(self, service: str) -> None:  # noqa: B027 - see alter
+        """Take that back."""
 
     def hold_back(self, service: str) -> None:
         """End all services, and start them again in another order, without this one. Raises
@@ -186,10 +187,10 @@ class ProcessStack(Stack):
     """The services that `mazebot up` starts, each in a process."""
 
     def __init__(
-        self, folder: Path, seed: int, explores: bool = False, has_clocks: bool = False
+        self, folder: Path, seed: int, explores: bool = False, has_machines: bool = False
     ) -> None:
-        super().__init__(folder, seed, explores, has_clocks)
-        self._clock = folder / _CLOCKS
+        super().__init__(folder, seed, explores, has_machines)
+        self._machine = folder / _MACHINES
         self._environment |= {
             "MAZEBOT_ROUTER_PORT": str(self.port),
             "MAZEBOT_RECORDER_RECORDINGS_DIR": str(self.recordings),
@@ -200,23 +201,22 @@ class ProcessStack(Stack):
 
     def start(self) -> None:
         """See Stack."""
-        if self._has_clocks:
-            clocks.set_clock(self._clock, 0)
-            library = clocks.compile_library(self.folder)
-            self._environment |= clocks.variables(str(library), str(self._clock))
+        if self._has_machines:
+            machines.set_machine(self._machine, Machine())
+            library = machines.compile_library(self.folder)
+            self._environment |= machines.variables(str(library), str(self._machine))
         self._up(*(("--slam",) if self._explores else ()))
 
-    def advance_clock(self, service: str) -> None:
-        """See Stack. All have one clock, that of their machine."""
+    def alter(self, service: str, machine: Machine) -> None:
+        """See Stack. All have one machine."""
         if service:
-            super().advance_clock(service)
-        clocks.set_clock(self._clock, _CLOCK_S)
-        said = self._run(sys.executable, "-c", clocks.SHOW)
-        clocks.check(float(said), _CLOCK_S, "all")
+            super().alter(service, machine)
+        machines.set_machine(self._machine, machine)
+        machines.check(self._run(sys.executable, "-c", machines.SHOW), machine, "all")
 
-    def set_clock_right(self, service: str) -> None:
+    def restore(self, service: str) -> None:
         """See Stack."""
-        clocks.set_clock(self._clock, 0)
+        machines.set_machine(self._machine, Machine())
 
     def _up(self, *options: str) -> None:
         only = ",".join(self.services)
@@ -285,9 +285,9 @@ class ContainerStack(Stack):
     """Containers of Docker Compose, in a project of their own."""
 
     def __init__(
-        self, folder: Path, seed: int, explores: bool = False, has_clocks: bool = False
+        self, folder: Path, seed: int, explores: bool = False, has_machines: bool = False
     ) -> None:
-        super().__init__(folder, seed, explores, has_clocks)
+        super().__init__(folder, seed, explores, has_machines)
         self._project = f"mazebot-chaos-{self.port}"
         self._order = random_generator(seed, "chaos/start")
         self._environment |= {
@@ -314,8 +314,8 @@ class ContainerStack(Stack):
             if name == "worlds" and not link.exists():
                 link.symlink_to(ROOT / name)
             link.mkdir(exist_ok=True)
-        if self._has_clocks:
-            self._make_clocks()
+        if self._has_machines:
+            self._make_machines()
         self._compose("--profile", self._profile, "up", "--detach", "router", *self.services)
         key_file = file_of(self.folder / "keys", OPERATOR)
         end_s = time.monotonic() + _COMMAND_S
@@ -395,37 +395,37 @@ class ContainerStack(Stack):
                     raise
                 time.sleep(0.1)
 
-    def _make_clocks(self) -> None:
-        folder = self.folder / _CLOCKS
+    def _make_machines(self) -> None:
+        folder = self.folder / _MACHINES
         folder.mkdir()
-        library = clocks.compile_library(folder)
+        library = machines.compile_library(folder)
         services = {}
         for service in (*self.services, "router"):
-            clocks.set_clock(folder / service, 0)
+            machines.set_machine(folder / service, Machine())
             services[service] = {
-                "environment": clocks.variables(
-                    f"/{_CLOCKS}/{library.name}", f"/{_CLOCKS}/{service}"
+                "environment": machines.variables(
+                    f"/{_MACHINES}/{library.name}", f"/{_MACHINES}/{service}"
                 ),
-                "volumes": [f"./{_CLOCKS}:/{_CLOCKS}:ro"],
+                "volumes": [f"./{_MACHINES}:/{_MACHINES}:ro"],
             }
         # Compose reads it beside the other.
         (self.folder / "docker-compose.override.yaml").write_text(
             json.dumps({"services": services}), encoding="utf-8"
         )
 
-    def advance_clock(self, service: str) -> None:
+    def alter(self, service: str, machine: Machine) -> None:
         """See Stack."""
-        for one in self._with_clock(service):
-            clocks.set_clock(self.folder / _CLOCKS / one, _CLOCK_S)
-            said = self._run("docker", "exec", self._container(one), "python", "-c", clocks.SHOW)
-            clocks.check(float(said), _CLOCK_S, one)
+        for one in self._with_machine(service):
+            machines.set_machine(self.folder / _MACHINES / one, machine)
+            shown = self._run("docker", "exec", self._container(one), "python", "-c", machines.SHOW)
+            machines.check(shown, machine, one)
 
-    def set_clock_right(self, service: str) -> None:
+    def restore(self, service: str) -> None:
         """See Stack."""
-        for one in self._with_clock(service):
-            clocks.set_clock(self.folder / _CLOCKS / one, 0)
+        for one in self._with_machine(service):
+            machines.set_machine(self.folder / _MACHINES / one, Machine())
 
-    def _with_clock(self, service: str) -> tuple[str, ...]:
+    def _with_machine(self, service: str) -> tuple[str, ...]:
         return (service,) if service else (*self.services, "router")
 
     def hold_back(self, service: str) -> None:
