@@ -13,7 +13,6 @@ from pathlib import Path
 
 import pytest
 
-from mazebot.cli.stack import control
 from mazebot.cli.stack.control import end, start, wait_until_active
 from mazebot.cli.stack.log_file import LogWriter, follow, read_lines
 from mazebot.cli.stack.plan import StackPlan
@@ -94,7 +93,7 @@ def test_a_demo_is_not_started_again() -> None:
         wait_until(lambda: time.monotonic() > ended_s + 0.5)
         state = service(folder, "bringup")
         assert (state.text, state.process, state.restarts) == ("ended (exit code 1)", None, 0)
-        assert wait_until_active(folder, lambda _: None, 5.0).code == 1
+        assert wait_until_active(folder, lambda _: None, 5.0, 1.0).code == 1
 
 
 def test_all_end_and_one_that_does_not_is_killed() -> None:
@@ -175,7 +174,7 @@ def test_what_is_waited_for_is_told_and_a_stack_that_is_not_active_in_time_is_an
     with started(plan) as folder:
         wait_until(lambda: service(folder, "bringup").phase == "waiting")
         with pytest.raises(ConfigError, match="5 s: bringup: waiting for physics"):
-            wait_until_active(folder, told.append, 0.5)
+            wait_until_active(folder, told.append, 0.5, 1.0)
     assert told == ["bringup: waiting for physics (not running)"]
 
 
@@ -193,13 +192,11 @@ def test_why_a_service_is_started_again_and_again_is_told() -> None:
             raise KeyboardInterrupt
 
     with started(plan) as folder, pytest.raises(KeyboardInterrupt):
-        wait_until_active(folder, tell, 20.0)
+        wait_until_active(folder, tell, 20.0, 20.0)
     assert told[-1] == f"recorder: restarting (exit code 1): {reason}"
 
 
-def test_without_a_demo_what_others_send_is_waited_for_a_while(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_a_demo_what_others_send_is_waited_for_a_while(tmp_path: Path) -> None:
     told: list[str] = []
     loaded = tmp_path / "loaded"
     waits = f"import os, time\nwhile not os.path.exists({str(loaded)!r}): time.sleep(0.01)\n"
@@ -218,12 +215,10 @@ def test_without_a_demo_what_others_send_is_waited_for_a_while(
 
     with started(plan) as folder:
         wait_until(lambda: service(folder, "physics").phase == "waiting")
-        with monkeypatch.context() as patched:
-            patched.setattr(control, "_OTHERS_S", 0.0)
-            # The other half may be started later.
-            awaited = wait_until_active(folder, lambda _: None, 10.0)
-            assert awaited == (0, "physics: waiting for a world")
-        assert wait_until_active(folder, tell, 20.0) == (0, "")
+        # The other half may be started later.
+        awaited = wait_until_active(folder, lambda _: None, 10.0, 0.0)
+        assert awaited == (0, "physics: waiting for a world")
+        assert wait_until_active(folder, tell, 20.0, 20.0) == (0, "")
     assert told == ["physics: waiting for a world"]
 
 
@@ -244,7 +239,7 @@ def test_once_a_demo_has_ended_all_others_have_to_be_connected(tmp_path: Path) -
     )
     with started(plan) as folder:
         wait_until(lambda: service(folder, "bringup").phase == "ended")
-        assert wait_until_active(folder, tell, 20.0) == (0, "")
+        assert wait_until_active(folder, tell, 20.0, 20.0) == (0, "")
         assert service(folder, "recorder").phase == "active"
     assert told == ["recorder: starting"]
 

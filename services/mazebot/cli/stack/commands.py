@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 _INTERRUPTED = 130
 _ACTIVE_S = 180.0
 """Time for the services to become active; kernels may have to be compiled first."""
+_OTHERS_S, _LATER_S = 20.0, 3.0
+"""For so long what others send is waited for, where there are some, and where they may come yet."""
 
 RouterPort = Annotated[
     int | None,
@@ -146,7 +148,7 @@ def up(
         _say(
             f"{len(state.services)} services run, on {state.endpoint}{how_to_find(state.endpoint)}"
         )
-        code = _wait(folder) if detach else _follow(folder, state)
+        code = _wait(folder, connect is not None) if detach else _follow(folder, state)
     except KeyboardInterrupt:
         # A second Ctrl-C must not leave half of them.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -156,14 +158,15 @@ def up(
     raise typer.Exit(code)
 
 
-def _wait(folder: StackFolder) -> int:
+def _wait(folder: StackFolder, joins: bool) -> int:
     from mazebot.cli.stack.control import wait_until_active  # noqa: PLC0415
 
     def tell(missing: str) -> None:
         _say(missing)
         doing(missing)
 
-    code, waiting = wait_until_active(folder, tell, _ACTIVE_S)
+    others_s = _OTHERS_S if joins else _LATER_S
+    code, waiting = wait_until_active(folder, tell, _ACTIVE_S, others_s)
     if waiting:
         _say(f"not active yet: {waiting}")
     else:

@@ -24,8 +24,6 @@ _BEGIN_S = 10.0
 """Within this time the supervisor runs."""
 _SETTLED_S = 0.5
 """A service that is active for so long waits for nothing."""
-_OTHERS_S = 20.0
-"""For so long what services of another stack send is waited for: they may be started later."""
 
 
 def refuse_second(folder: StackFolder) -> None:
@@ -95,9 +93,10 @@ class Awaited(NamedTuple):
 
 
 def wait_until_active(
-    folder: StackFolder, tell: Callable[[str], None], timeout_s: float
+    folder: StackFolder, tell: Callable[[str], None], timeout_s: float, others_s: float
 ) -> Awaited:
-    """Wait until the services of a stack are active. `tell` gets what is waited for.
+    """Wait until the services of a stack are active; from when they are all connected on, for
+    `others_s` at most. `tell` gets what is waited for.
 
     A demo knows what the others wait for, and which of them may; without one, or once it has ended,
     all have to be connected, and may wait for services of another stack.
@@ -116,7 +115,7 @@ def wait_until_active(
             return Awaited(demo.exit_code, "")
         missing, waiting = _missing(state, folder)
         connected_s = None if missing else connected_s or now_s
-        if connected_s is not None and now_s - connected_s > _OTHERS_S:
+        if connected_s is not None and now_s - connected_s > others_s:
             return Awaited(0, waiting)
         if missing or waiting:
             settled_s = now_s
