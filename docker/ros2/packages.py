@@ -33,9 +33,16 @@ _GENERATORS = (
     "rosidl_typesupport_fastrtps_c", "rosidl_typesupport_introspection_c", "rosidl_typesupport_c",
     "rosidl_generator_py",
 )  # fmt: skip
-"""What Python and Fast DDS use; rosidl_default_generators wants a package that no wheel brings.
-Those for C++ come along with the packages on which the messages depend.
-"""
+"""What Python and Fast DDS use; rosidl_default_generators wants a package that no wheel brings."""
+_SPARED = (
+    "# Those for C++ come along with the packages on which the messages depend; nobody uses them.\n"
+    'list(FILTER AMENT_EXTENSIONS_rosidl_generate_idl_interfaces EXCLUDE REGEX "_cpp:")\n'
+)
+_JOINED = (
+    "# Each file would read the same large headers again.\n"
+    "set_target_properties(${PROJECT_NAME}__rosidl_typesupport_fastrtps_c PROPERTIES\n"
+    "  UNITY_BUILD ON UNITY_BUILD_BATCH_SIZE 16)\n"
+)
 
 
 def missing_packages(distro: str) -> dict[str, dict[str, str]]:
@@ -83,9 +90,9 @@ def write_package(folder: Path, package: str, files: dict[str, str]) -> None:
     names = "\n  ".join(sorted(files))
     (folder / "CMakeLists.txt").write_text(
         f"cmake_minimum_required(VERSION 3.20)\nproject({package})\n"
-        f"find_package(ament_cmake REQUIRED)\n{finds}\n"
+        f"find_package(ament_cmake REQUIRED)\n{finds}\n{_SPARED}"
         f"rosidl_generate_interfaces(${{PROJECT_NAME}}\n  {names}\n"
-        f"  DEPENDENCIES {' '.join(needed)})\nament_package()\n"
+        f"  DEPENDENCIES {' '.join(needed)})\n{_JOINED}ament_package()\n"
     )
     depends = "".join(f"  <depend>{each}</depend>\n" for each in needed)
     (folder / "package.xml").write_text(
