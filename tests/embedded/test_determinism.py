@@ -18,7 +18,7 @@ from mazebot.common.recordings.comparing.digests import read_digests
 from mazebot.common.recordings.comparing.run_comparison import compare
 from mazebot.embedded.demo import DemoOptions, run
 
-RUNS = 5
+RUNS = 3
 BURN = "import hashlib\nwhile True: hashlib.sha256(bytes(1_000_000))"
 
 
