@@ -26,13 +26,14 @@ class Worldgen:
     def __init__(self, running: str = "hall") -> None:
         self.running = running
         self.error = ""
+        self.place = "door"
 
     def __call__(self, query: Query[Any, Any], document: Any) -> Any:
         if query is GET_WORLDS:
             return act.GetWorldsReply(
                 names=("hall", "room"), running=self.running, running_hash="abc",
                 start=Planar(x_m=1.0, y_m=2.0, yaw_rad=0.0),
-                locations=(Location(name="door", x_m=3.0, y_m=4.0, yaw_rad=math.pi),),
+                locations=(Location(name=self.place, x_m=3.0, y_m=4.0, yaw_rad=math.pi),),
             )  # fmt: skip
         if query is GET_MODELS:
             return act.GetModelsReply(error=self.error, names=() if self.error else MODELS)
@@ -102,6 +103,10 @@ def test_the_start_and_the_places_of_a_world_are_named_poses() -> None:
     door = found["door"].pose
     assert (door.position.x, door.position.y, door.position.z) == (3.0, 4.0, 0.0)
     assert door.orientation.z == pytest.approx(1.0)
+    worldgen = Worldgen()
+    worldgen.place = "start"
+    named = answer("/get_named_poses", {}, worldgen)
+    assert [one.name for one in named.poses] == ["robot_start", "start"]
     goals = answer("/get_named_poses", {"tags": {"tags": ["navigation_goal"]}}, Worldgen())
     assert [one.name for one in goals.poses] == ["door"]
     response = answer("/get_named_poses", {}, Worldgen(running=""))

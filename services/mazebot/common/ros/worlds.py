@@ -68,8 +68,12 @@ def _named_poses(request: Any, _: Node) -> Steps:
     reply = yield GET_WORLDS, act.Empty()
     if not reply.running:
         return result(OPERATION_FAILED, "no world is loaded yet")
-    places = [] if reply.start is None else [("start", _START_TAG, reply.start)]
-    places += [(place.name, _PLACE_TAG, place) for place in reply.locations]
+    places = [(place.name, _PLACE_TAG, place) for place in reply.locations]
+    if reply.start is not None:
+        taken = {name for name, *_ in places}
+        # A name must be one place's alone.
+        name = "robot_start" if "start" in taken else "start"
+        places.insert(0, (name, _START_TAG, reply.start))
     poses = [
         {"name": name, "tags": [tag], "pose": _pose(place)}
         for name, tag, place in places
