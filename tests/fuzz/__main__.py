@@ -13,6 +13,7 @@ import importlib.util
 import os
 import random
 import re
+import shutil
 import sys
 import tempfile
 import time
@@ -71,14 +72,14 @@ def main() -> int:
     # Threads of OpenCV do not outlive a fork, and would be waited for.
     cv2.setNumThreads(0)
     readers = [known[name] for name in options.readers] or list(READERS)
-    is_guided = importlib.util.find_spec("atheris") is not None
-    options.found.mkdir(parents=True, exist_ok=True)
-    before = set(options.found.iterdir())
     sys.path += map(str, _ATHERIS)
     is_guided = importlib.util.find_spec("atheris") is not None
     with tempfile.TemporaryDirectory() as name:
+        # Of this run alone: what was found before and is found again is no success.
+        found = Path(name, "found")
+        found.mkdir()
         for reader in readers:
-            trial = Trial(reader, Path(name, "files"), options.found)
+            trial = Trial(reader, Path(name, "files"), found)
             for data in reader.examples():
                 trial.read(data)
         if is_guided:
@@ -86,10 +87,13 @@ def main() -> int:
         else:
             _say("atheris is not installed: files are changed without looking at what they reach")
         ended = [_ended_well(reader, options, Path(name), is_guided) for reader in readers]
-    found = sorted(set(options.found.iterdir()) - before)
-    for file in found:
-        _say(f"found: {file}: {file.read_text().strip()}" if file.suffix == ".txt" else f"{file}")
-    return 1 if found or not all(ended) else 0
+        files = sorted(found.iterdir())
+        if files:
+            shutil.copytree(found, options.found, dirs_exist_ok=True)
+        for file in files:
+            what = f": {file.read_text().strip()}" if file.suffix == ".txt" else ""
+            _say(f"found: {options.found / file.name}{what}")
+    return 1 if files or not all(ended) else 0
 
 
 def _say(text: str) -> None:
@@ -131,8 +135,8 @@ def _ended_well(reader: Reader, options: argparse.Namespace, folder: Path, is_gu
         try:
             for number in (1, 2):
                 os.dup2(os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND), number)
-            trial = Trial(reader, folder / "files", options.found)
-            (_guided if is_guided else _blind)(trial, options, folder / "reached")
+            trial = Trial(reader, folder / "files", folder / "found")
+            (_guided if is_guided else _blind)(trial, options, folder)
         finally:
             os._exit(98)
     _, status = os.waitpid(child, 0)
@@ -150,7 +154,7 @@ def _guided(trial: Trial, options: argparse.Namespace, folder: Path) -> None:
     """Ends the process."""
     import atheris
 
-    reached = options.corpus / trial.reader.name if options.corpus else folder
+    reached = (options.corpus or folder / "reached") / trial.reader.name
     reached.mkdir(parents=True, exist_ok=True)
 
     def read(data: bytes) -> None:
@@ -161,7 +165,7 @@ def _guided(trial: Trial, options: argparse.Namespace, folder: Path) -> None:
             "fuzz", f"-seed={options.seed}",
             f"-runs={options.files}" if options.files else f"-max_total_time={options.seconds}",
             f"-max_len={LONGEST_BYTES}", f"-timeout={_HANGS_S}", f"-rss_limit_mb={_MOST_MB}",
-            f"-artifact_prefix={options.found}/{trial.reader.name}-", "-print_final_stats=1",
+            f"-artifact_prefix={folder}/found/{trial.reader.name}-", "-print_final_stats=1",
             str(reached), str(CORPUS / trial.reader.name),
         ],
         read,

@@ -30,6 +30,11 @@ def model(root: Path, name: str, more: str = "") -> Path:
 def test_all_that_are_told_can_be_spawned_and_no_others_can(tmp_path: Path) -> None:
     model(tmp_path, "crate")
     model(tmp_path, "broken", "<collision/>")
+    marker = model(tmp_path, "marker") / "model.sdf"
+    noted = 'xmlns:mazebot="https://mazebot.example/sdf" mazebot:marker="x"'
+    marker.write_text(
+        marker.read_text().replace('<model name="marker"', f"<model {noted} name='m'")
+    )
     told = SpawnableModels((tmp_path,)).answer()
     assert told.error == ""
     assert {"crate", "aruco_id_60"} <= set(told.names)

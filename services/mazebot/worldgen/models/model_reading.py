@@ -34,15 +34,21 @@ def entity_of(wanted: ReadModel, *roots: Path) -> ReadModelReply:
             if wanted.model
             else _of_text(wanted.text, roots)
         )
-        entity, files = _marker_of(model) if model.marker else _body_of(model)
+        entity, files = entity_in(model)
     except ConfigError as error:
         return ReadModelReply(error=str(error))
-    except ValidationError as error:
-        return ReadModelReply(error=words(one_line(error)))
     for line in (*model.missing, *model.ignored):
         _LOG.warning("model %s: left out: %s", model.name, line)
     assets = {name: base64.b64encode(data).decode() for name, data in files.items()}
     return ReadModelReply(entity=entity, assets=assets)
+
+
+def entity_in(model: Model) -> tuple[BodyEntity | MarkerEntity, dict[str, bytes]]:
+    """What a model becomes in a world, and its files by sha256. Raises ConfigError."""
+    try:
+        return _marker_of(model) if model.marker else _body_of(model)
+    except ValidationError as error:
+        raise ConfigError(words(one_line(error))) from error
 
 
 def _body_of(model: Model) -> tuple[BodyEntity, dict[str, bytes]]:

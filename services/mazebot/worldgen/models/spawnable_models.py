@@ -8,6 +8,7 @@ from pathlib import Path
 from mazebot.common.config import ConfigError
 from mazebot.common.messages.action_documents import GetModelsReply
 from mazebot.worldgen.models.model_entity import model_names, named_model, read_model
+from mazebot.worldgen.models.model_reading import entity_in
 
 MOST_MODELS = 100
 MOST_BYTES = 50_000_000
@@ -49,7 +50,7 @@ class SpawnableModels:
 
     def _can_be_spawned(self, folder: Path) -> bool:
         try:
-            read_model(folder, self._roots)
+            entity_in(read_model(folder, self._roots))
         except ConfigError:
             return False
         return True
