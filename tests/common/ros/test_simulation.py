@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -196,7 +197,9 @@ def test_entities_are_listed_by_the_pattern_of_their_names() -> None:
     [
         {"filter": "(a+)+$"}, {"filter": "a*b*c*"}, {"filter": "*"},
         {"categories": [{"category": 9}]}, {"bounds": {"points": [{"x": 1.0}]}},
-        {"bounds": {"type": 1}},
+        {"bounds": {"type": 1}}, {"bounds": {"type": 4, "points": [{}, {}]}},
+        {"bounds": {"type": 2, "points": [{}, {}]}}, {"bounds": {"type": 2, "points": [{}] * 257}},
+        {"bounds": {"type": 3, "points": [{}, {"x": -0.1}]}},
     ],
 )  # fmt: skip
 def test_a_filter_that_is_unknown_or_could_take_forever_is_not_supported(
@@ -301,3 +304,71 @@ def test_a_service_has_one_node_and_one_name() -> None:
     names = [service.name for service in ROS_SERVICES]
     assert len({*names}) == len(names)
     assert {one.name for one in services_of("spawner")} > {"/spawn_entity", "/spawner/get_state"}
+
+
+def within(bounds: Mapping[str, Any], *entities: doc.Entity) -> list[str]:
+    """The names of entities whose box is of 0.2 x 0.4 x 0.6 m."""
+    spawner = Spawner()
+    spawner.entities = entities
+    response = answer("/get_entities", {"filters": {"bounds": bounds}}, spawner)
+    assert response.result.result == sim.OK, response.result.error_message
+    return list(response.entities)
+
+
+def points(*values: tuple[float, float, float]) -> list[dict[str, float]]:
+    return [dict(zip("xyz", value, strict=True)) for value in values]
+
+
+TURNED = BODY.model_copy(
+    update={
+        "name": "turned",
+        "orientation_xyzw": (0.0, 0.0, math.sin(0.25 * math.pi / 2), math.cos(0.25 * math.pi / 2)),
+    }
+)
+"""By 45 degrees: it reaches to 0.212 m from its middle along x, and has no corner at (0.1, 0.2)."""
+
+
+@pytest.mark.parametrize(
+    ("bounds", "found"),
+    [
+        ({}, ["crate_1", "turned"]),
+        ({"type": 3, "points": points((1.0, 2.0, 0.1), (0.0, 0.0, 0.0))}, ["crate_1", "turned"]),
+        ({"type": 3, "points": points((1.2, 2.0, 0.1), (0.11, 9.0, 9.0))}, ["crate_1", "turned"]),
+        # The first's face is 0.1 m from the middle, the other's corner 0.212 m.
+        ({"type": 3, "points": points((1.3, 2.0, 0.1), (0.15, 0.0, 0.0))}, ["turned"]),
+        ({"type": 1, "points": points((2.0, 3.0, 1.0), (1.15, 1.0, 0.0))}, ["turned"]),
+        ({"type": 1, "points": points((1.15, 1.0, 0.0), (2.0, 3.0, 1.0))}, ["turned"]),
+        # Both boxes around them reach there, and but one of the two.
+        ({"type": 1, "points": points((1.5, 2.5, 0.2), (1.09, 2.19, 0.0))}, ["crate_1"]),
+        ({"type": 1, "points": points((1.5, 2.5, 2.2), (0.5, 1.5, 2.0))}, []),
+        (
+            {"type": 2, "points": points((-9, -9, 0), (9, -9, 0), (0, 9, 0), (0, 0, 9))},
+            ["crate_1", "turned"],
+        ),
+        (
+            {"type": 2, "points": points((1.09, 2.19, 0), (1.5, 2.19, 0.1), (1.09, 2.5, 0))},
+            ["crate_1"],
+        ),
+        ({"type": 2, "points": points((3.0, 3.0, 0), (4.0, 3.0, 0), (3.0, 4.0, 0))}, []),
+    ],
+)  # fmt: skip
+def test_entities_are_filtered_by_where_they_are(
+    bounds: Mapping[str, Any], found: list[str]
+) -> None:
+    assert within(bounds, BODY, TURNED) == found
+
+
+def test_an_entity_without_bounds_is_told_and_one_that_is_gone_is_not() -> None:
+    spawner = Spawner("no mesh")
+    values = {"filters": {"bounds": {"type": 3, "points": [{}, {"x": 9.0}]}}}
+    response = answer("/get_entities", values, spawner)
+    assert response.result.result == sim.OPERATION_FAILED
+    assert response.result.error_message == "no mesh"
+
+    def deleted(query: Query[Any, Any], document: Any) -> Any:
+        reply = spawner(query, document)
+        spawner.entities = ()
+        return reply
+
+    response = answer("/get_entities", values, deleted)
+    assert (response.result.result, list(response.entities)) == (sim.OK, [])

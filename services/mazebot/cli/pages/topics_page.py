@@ -50,7 +50,7 @@ _ACTIONS_HEAD = """
 ## ROS actions
 
 Actions of ROS 2 on the same wire, from `services/mazebot/common/ros/actions.py`; each starts its
-goal by the query `/navigation/send_goal`, or `/compute_path_to_pose`.
+goal by the query `/navigation/send_goal`, `/compute_path_to_pose` or `/simulation/control`.
 
 | action | type | run by | what |
 | --- | --- | --- | --- |

@@ -23,12 +23,11 @@ from mazebot.common.bus.liveliness import (
     watch_sources,
 )
 from mazebot.common.bus.publisher import publish
-from mazebot.common.bus.ros.action_server import OBSERVED, ActionServer
+from mazebot.common.bus.ros.action_server import ActionServer
 from mazebot.common.bus.ros.service_server import ServiceServer
 from mazebot.common.bus.session import BusUnavailableError, now_of
 from mazebot.common.bus.subscriber import subscribe
 from mazebot.common.messages import wire
-from mazebot.common.messages.action_documents import ActionFeedback, ActionResult
 from mazebot.common.messages.keys import DEFAULT_KEYS, Endpoint, Keys
 from mazebot.common.messages.topics import (
     BY_NAME,
@@ -214,10 +213,8 @@ class Bus:
             if topic.name in self._latched:
                 self._latched[topic.name].append((payload, attachment))
             self._publishers[topic.name].put(payload, attachment=attachment)
-            if self._actions and topic.name in OBSERVED:
-                told = cast("ActionFeedback | ActionResult", message)
-                for action in self._actions:
-                    action.observe(told)
+            for action in self._actions:
+                action.observe(topic, message)
 
     def outbox(self, node: Node) -> Outbox:
         """The node's outbox on this bus."""

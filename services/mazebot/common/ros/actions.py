@@ -1,19 +1,37 @@
-"""The table of actions: those of Nav2, by the documents of the user's own tools."""
+"""The table of actions: those of Nav2, by the documents of the user's own tools, and of the
+simulator.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from enum import IntEnum
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from mazebot.common.messages import action_documents as act
 from mazebot.common.messages import messages as msg
-from mazebot.common.messages.documents import Planar
+from mazebot.common.messages.documents import CancelGoal, Planar
 from mazebot.common.messages.error_codes import ErrorCode
-from mazebot.common.messages.topics import COMPUTE_PATH, SEND_GOAL, Query
+from mazebot.common.messages.topics import (
+    ACTION_FEEDBACK,
+    ACTION_RESULT,
+    CANCEL_GOAL,
+    COMPUTE_PATH,
+    SEND_GOAL,
+)
+from mazebot.common.ros.action import (
+    Action,
+    Ask,
+    Course,
+    Ended,
+    Feedback,
+    GoalError,
+    GoalRejectedError,
+    GoalStatus,
+    Running,
+)
 from mazebot.common.ros.call import Response
 from mazebot.common.ros.interfaces import Versioned
+from mazebot.common.ros.simulation import SIMULATION_ACTIONS
 from mazebot.common.ros.values import (
     check_in_map,
     duration_values,
@@ -22,92 +40,10 @@ from mazebot.common.ros.values import (
     seconds_of,
 )
 
-
-class GoalStatus(IntEnum):
-    """action_msgs/msg/GoalStatus."""
-
-    UNKNOWN = 0
-    ACCEPTED = 1
-    EXECUTING = 2
-    CANCELING = 3
-    SUCCEEDED = 4
-    CANCELED = 5
-    ABORTED = 6
-
-    @property
-    def is_terminal(self) -> bool:
-        """Whether the goal has ended."""
-        return self >= GoalStatus.SUCCEEDED
-
-
-class Ended(NamedTuple):
-    """How a goal ended."""
-
-    status: GoalStatus
-    result: Response
-
-
-class GoalError(ValueError):
-    """A goal that fails at once, with the error code of its action."""
-
-    def __init__(self, code: ErrorCode, message: str) -> None:
-        super().__init__(message)
-        self.code = code
-
-
-@dataclass(frozen=True, eq=False)
-class Action:
-    """One row: an action, its type, and what its goal, feedback and result mean."""
-
-    name: str
-    type: str
-    owner: str
-    start: Callable[[Any, str], tuple[Query[Any, Any], Any]]
-    """The query by which a goal (a message) with an id starts. Raises GoalError."""
-    feedback: Callable[[act.ActionFeedback], Response]
-    result: Callable[[act.ActionResult, Any], Response]
-    """Of a goal (a message) that has run and ended."""
-    answer: Callable[[Any], Ended | None]
-    """How the goal has ended by the reply to the query; None: it runs. Raises GoalError where it
-    was rejected.
-    """
-    about: str
-
-    @property
-    def services(self) -> dict[str, str]:
-        """The types of its services by their names: to send a goal, to cancel, for the result."""
-        base = f"{self.name}/_action/"
-        return {
-            f"{base}send_goal": f"{self.type}_SendGoal",
-            f"{base}cancel_goal": "action_msgs/srv/CancelGoal",
-            f"{base}get_result": f"{self.type}_GetResult",
-        }
-
-    @property
-    def topics(self) -> dict[str, str]:
-        """The types of its topics by their names: feedback and status."""
-        base = f"{self.name}/_action/"
-        return {
-            f"{base}feedback": f"{self.type}_FeedbackMessage",
-            f"{base}status": "action_msgs/msg/GoalStatusArray",
-        }
-
-    def failed(self, code: int, message: str) -> Ended:
-        """The end of a goal that failed before it ran."""
-        return Ended(GoalStatus.ABORTED, {"error_code": code, "error_msg": message})
-
-
-def _sent(goal: Callable[[Any], act.ActionGoal]) -> Callable[[Any, str], tuple[Any, Any]]:
-    def start(message: Any, goal_id: str) -> tuple[Any, Any]:
-        return SEND_GOAL, act.SendGoal(goal_id=goal_id, goal=goal(message))
-
-    return start
-
-
-def _accepted(reply: act.SendGoalReply) -> Ended | None:
-    if reply.accepted:
-        return None
-    raise GoalError(ErrorCode(reply.error_code), reply.error_msg)
+_STATUSES: Final = {
+    "succeeded": GoalStatus.SUCCEEDED, "canceled": GoalStatus.CANCELED,
+    "aborted": GoalStatus.ABORTED,
+}  # fmt: skip
 
 
 def _planars(poses: list[msg.PoseStamped]) -> tuple[Planar, ...]:
@@ -221,15 +157,13 @@ def _undock(message: Any) -> act.ActionGoal:
     return act.UndockRobot(max_undocking_time_s=max(message.max_undocking_time, 0.0))
 
 
-def _compute(message: Any, _: str) -> tuple[Any, Any]:
+def _compute(message: Any, _: str) -> Course:
     start = _planar(message.start) if message.use_start else None
     goals = (_planar(message.goal),)
-    return COMPUTE_PATH, act.ComputePath(goals=goals, start=start, planner_id=message.planner_id)
-
-
-def _computed(reply: act.ComputePathReply) -> Ended | None:
+    asked = act.ComputePath(goals=goals, start=start, planner_id=message.planner_id)
+    reply = yield COMPUTE_PATH, asked
     if reply.error_code == ErrorCode.GOAL_REJECTED:
-        raise GoalError(ErrorCode.GOAL_REJECTED, reply.error_msg)
+        raise GoalRejectedError(reply.error_msg)
     path = {"header": {"frame_id": "map"}, "poses": [pose_stamped(pose) for pose in reply.path]}
     failed = reply.error_code != ErrorCode.NONE
     return Ended(
@@ -337,21 +271,57 @@ def _waypoints_result(ended: act.ActionResult, goal: Any) -> Response:
     return {**_task_result(ended, goal), "missed_waypoints": Versioned(missed)}
 
 
-_Feedback = Callable[[act.ActionFeedback], Response]
-_Result = Callable[[act.ActionResult, Any], Response]
+_OfFeedback = Callable[[act.ActionFeedback], Response]
+_OfResult = Callable[[act.ActionResult, Any], Response]
+
+
+def _failed(code: int | None, message: str) -> Response:
+    return {
+        "error_code": ErrorCode.SEND_GOAL_FAILURE if code is None else code,
+        "error_msg": message,
+    }
+
+
+def _cancel(goal_id: str) -> Ask:
+    return CANCEL_GOAL, CancelGoal(goal_id=goal_id)
+
+
+def _sent(
+    document: Callable[[Any], act.ActionGoal], feedback: _OfFeedback, result: _OfResult
+) -> Callable[[Any, str], Course]:
+    """Of a goal that the navigator runs, and tells about on topics of its own."""
+
+    def run(message: Any, goal_id: str) -> Course:
+        reply = yield SEND_GOAL, act.SendGoal(goal_id=goal_id, goal=document(message))
+        if not reply.accepted:
+            if reply.error_code == ErrorCode.GOAL_REJECTED:
+                raise GoalRejectedError(reply.error_msg)
+            raise GoalError(reply.error_code, reply.error_msg)
+
+        def heard(told: act.ActionFeedback | act.ActionResult) -> Feedback | Ended | None:
+            if told.goal_id != goal_id:
+                return None
+            if isinstance(told, act.ActionFeedback):
+                return Feedback(feedback(told))
+            return Ended(_STATUSES[told.status], result(told, message))
+
+        yield Running(heard)
+        return None
+
+    return run
 
 
 def _row(
     name: str,
     kind: str,
-    goal: Callable[[Any], act.ActionGoal],
-    feedback: _Feedback,
-    result: _Result,
+    document: Callable[[Any], act.ActionGoal],
+    feedback: _OfFeedback,
+    result: _OfResult,
     about: str,
 ) -> Action:
     return Action(
-        name, f"nav2_msgs/action/{kind}", "navigation", _sent(goal), feedback, result, _accepted,
-        about,
+        name, f"nav2_msgs/action/{kind}", "navigation", _sent(document, feedback, result),
+        (ACTION_FEEDBACK, ACTION_RESULT), _cancel, _failed, about,
     )  # fmt: skip
 
 
@@ -393,8 +363,9 @@ ACTIONS: Final[tuple[Action, ...]] = (
     ),
     Action(
         "/compute_path_to_pose", "nav2_msgs/action/ComputePathToPose", "navigation", _compute,
-        _no_feedback, _task_result, _computed, "compute a path without driving it",
+        (), _cancel, _failed, "compute a path without driving it",
     ),
+    *SIMULATION_ACTIONS,
 )  # fmt: skip
 
 

@@ -126,6 +126,8 @@ KILTED: Final[dict[str, str]] = {
     "simulation_interfaces/srv/SetSimulationState": f"SimulationState state\n---\n{_RESULT}",
     "simulation_interfaces/srv/ResetSimulation": f"uint8 scope\n---\n{_RESULT}",
     "simulation_interfaces/srv/StepSimulation": f"uint64 steps\n---\n{_RESULT}",
+    "simulation_interfaces/action/SimulateSteps": f"uint64 steps\n---\n{_RESULT}---\n"
+    "uint64 completed_steps\nuint64 remaining_steps\n",
     "simulation_interfaces/msg/Resource": "string uri\nstring resource_string\n",
     "simulation_interfaces/msg/WorldResource": "string name\nResource world_resource\n"
     "string description\nstring[] tags\n",

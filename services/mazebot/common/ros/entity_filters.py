@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from typing import Any, Final
 
 from mazebot.common.messages import documents as doc
+from mazebot.common.ros.entity_bounds import problem_of_bounds
 
 OBJECT, DYNAMIC_OBJECT, STATIC_OBJECT = 0, 4, 5
 """Of EntityCategory."""
@@ -60,8 +61,9 @@ def problem_of(filters: Any) -> str:
     """Why filters are not supported; empty: they are. A name's pattern is one that takes no longer
     than its length times the name's: without groups, and with few stars.
     """
-    if filters.bounds.type or filters.bounds.points:
-        return "filters.bounds: must be empty: entities are not filtered by where they are"
+    problem = problem_of_bounds(filters.bounds)
+    if problem:
+        return f"filters.bounds.{problem}"
     for category in filters.categories:
         if category.category not in _CATEGORIES:
             return f"filters.categories: {category.category}: must be one of EntityCategory's"
@@ -79,7 +81,7 @@ def problem_of(filters: Any) -> str:
 
 
 def filtered(entities: Sequence[doc.Entity], filters: Any) -> list[doc.Entity]:
-    """The entities that filters without a problem mean."""
+    """The entities that filters without a problem mean, wherever they are."""
     pattern = re.compile(filters.filter)
     categories = {category.category for category in filters.categories}
     return [
@@ -89,11 +91,3 @@ def filtered(entities: Sequence[doc.Entity], filters: Any) -> list[doc.Entity]:
         and (not categories or category_of(one) in categories)
         and has_tags(tags_of(one), filters.tags)
     ]
-
-
-def box(low_m: Sequence[float], high_m: Sequence[float]) -> Mapping[str, Any]:
-    """Bounds of TYPE_BOX: the upper right corner, then the lower left one."""
-    return {
-        "type": 1,
-        "points": [dict(zip("xyz", map(float, corner), strict=True)) for corner in (high_m, low_m)],
-    }

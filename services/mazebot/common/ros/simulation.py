@@ -1,4 +1,4 @@
-"""simulation_interfaces: the simulator's services, by the queries of physics and the spawner."""
+"""simulation_interfaces: services and an action, by the queries of physics and the spawner."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from mazebot.common.messages import action_documents as act
 from mazebot.common.messages import documents as doc
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.topics import (
+    CLOCK,
     DELETE_ENTITY,
     GET_ENTITIES,
     GET_ENTITY_BOUNDS,
@@ -24,8 +25,19 @@ from mazebot.common.messages.topics import (
     Query,
 )
 from mazebot.common.node.node import Node
+from mazebot.common.ros.action import (
+    Action,
+    Ask,
+    Course,
+    Ended,
+    Feedback,
+    GoalError,
+    GoalStatus,
+    Running,
+)
 from mazebot.common.ros.call import Response, Service, Steps, answered
-from mazebot.common.ros.entity_filters import box, filtered, info_of, problem_of
+from mazebot.common.ros.entity_bounds import EMPTY, box, overlaps
+from mazebot.common.ros.entity_filters import filtered, info_of, problem_of
 
 FEATURE_UNSUPPORTED, OK, NOT_FOUND, INCORRECT_STATE, OPERATION_FAILED = range(5)
 NAME_NOT_UNIQUE, NAME_INVALID, UNSUPPORTED_FORMAT, NO_RESOURCE = 101, 102, 103, 104
@@ -37,11 +49,12 @@ _RESETS = {0: "all", 3: "all", 255: "all", 1: "time"}
 """By the bits of the scope: 1 time, 2 state, 4 what was spawned; 0 is 255, all."""
 _FEATURES: Final = {
     "SPAWNING": 0, "DELETING": 1, "NAMED_POSES": 2, "ENTITY_TAGS": 4, "ENTITY_BOUNDS": 5,
-    "ENTITY_CATEGORIES": 8, "SPAWNING_RESOURCE_STRING": 9, "ENTITY_STATE_GETTING": 10,
-    "ENTITY_STATE_SETTING": 11, "ENTITY_INFO_GETTING": 12, "SPAWNABLES": 14,
-    "SIMULATION_RESET": 20, "SIMULATION_RESET_TIME": 21, "SIMULATION_STATE_GETTING": 24,
-    "SIMULATION_STATE_SETTING": 25, "SIMULATION_STATE_PAUSE": 26, "STEP_SIMULATION_SINGLE": 31,
-    "STEP_SIMULATION_MULTIPLE": 32, "WORLD_LOADING": 40, "WORLD_INFO_GETTING": 44,
+    "ENTITY_BOUNDS_BOX": 6, "ENTITY_BOUNDS_CONVEX": 7, "ENTITY_CATEGORIES": 8,
+    "SPAWNING_RESOURCE_STRING": 9, "ENTITY_STATE_GETTING": 10, "ENTITY_STATE_SETTING": 11,
+    "ENTITY_INFO_GETTING": 12, "SPAWNABLES": 14, "SIMULATION_RESET": 20,
+    "SIMULATION_RESET_TIME": 21, "SIMULATION_STATE_GETTING": 24, "SIMULATION_STATE_SETTING": 25,
+    "SIMULATION_STATE_PAUSE": 26, "STEP_SIMULATION_SINGLE": 31, "STEP_SIMULATION_MULTIPLE": 32,
+    "STEP_SIMULATION_ACTION": 33, "WORLD_LOADING": 40, "WORLD_INFO_GETTING": 44,
     "AVAILABLE_WORLDS": 45,
 }  # fmt: skip
 _WORLD_FRAMES = ("", "world", MAP_FRAME)
@@ -113,14 +126,61 @@ def _reset(request: Any, _: Node) -> Steps:
     return _of_error(reply.error)
 
 
+def _problem_of_steps(steps: int, reply: doc.SimulationControlReply) -> str:
+    """Why the simulation, by its reply to an empty request, does not do some steps; empty: it
+    does.
+    """
+    if not 1 <= steps <= _MOST_STEPS:
+        return f"steps: {steps}: must be 1 .. {_MOST_STEPS}"
+    return "" if _state_of(reply.stats) == _PAUSED else "the simulation must be PAUSED"
+
+
 def _step(request: Any, _: Node) -> Steps:
-    if not 1 <= request.steps <= _MOST_STEPS:
-        return result(OPERATION_FAILED, f"steps: {request.steps}: must be 1 .. {_MOST_STEPS}")
     reply = yield SIMULATION_CONTROL, doc.SimulationControl()
-    if _state_of(reply.stats) != _PAUSED:
-        return result(OPERATION_FAILED, "the simulation must be PAUSED")
+    problem = _problem_of_steps(request.steps, reply)
+    if problem:
+        return result(OPERATION_FAILED, problem)
     reply = yield SIMULATION_CONTROL, doc.SimulationControl(step=int(request.steps))
     return _of_error(reply.error)
+
+
+def _simulate_steps(goal: Any, _: str) -> Course:
+    """One run of steps; the clock tells how far it is."""
+    steps = int(goal.steps)
+    reply = yield SIMULATION_CONTROL, doc.SimulationControl()
+    problem = _problem_of_steps(steps, reply)
+    if problem:
+        raise GoalError(OPERATION_FAILED, problem)
+    began: doc.SimulationStats = reply.stats
+    told = 0
+
+    def feedback(completed: int) -> Feedback:
+        nonlocal told
+        told = completed
+        return Feedback({"completed_steps": completed, "remaining_steps": steps - completed})
+
+    def heard(clock: msg.Clock) -> Feedback | None:
+        passed_s = msg.ns_from_time(clock.clock) * 1e-9 - began.sim_time_s
+        completed = round(passed_s / began.step_size_s)
+        return feedback(completed) if told < completed <= steps else None
+
+    yield Running(heard)
+    reply = yield SIMULATION_CONTROL, doc.SimulationControl(step=steps)
+    if reply.error:
+        raise GoalError(OPERATION_FAILED, reply.error)
+    if told < steps:
+        # The clock does not tell of each step.
+        yield feedback(steps)
+    return Ended(GoalStatus.SUCCEEDED, result())
+
+
+def _failed(code: int | None, message: str) -> Response:
+    return result(OPERATION_FAILED if code is None else code, message)
+
+
+def _pause(_: str) -> Ask:
+    """It ends a run of steps."""
+    return SIMULATION_CONTROL, doc.SimulationControl(pause=True)
 
 
 def _pose(position_m: Sequence[float], orientation_xyzw: Sequence[float]) -> dict[str, Any]:
@@ -155,8 +215,19 @@ def _filtered(request: Any, _: Node) -> Steps:
     problem = problem_of(request.filters)
     if problem:
         return result(FEATURE_UNSUPPORTED, problem)
-    found = yield GET_ENTITIES, doc.GetEntities()
-    return {"found": filtered(found.entities, request.filters), **result()}
+    reply = yield GET_ENTITIES, doc.GetEntities()
+    found = filtered(reply.entities, request.filters)
+    bounds = request.filters.bounds
+    within = []
+    for entity in found if bounds.type != EMPTY else ():
+        reply = yield GET_ENTITY_BOUNDS, doc.GetEntityBounds(name=entity.name)
+        if not reply.error:
+            if overlaps(entity, reply.low_m, reply.high_m, bounds):
+                within.append(entity)
+        elif entity.name in (yield from _names()):
+            # Else it has been deleted meanwhile.
+            return result(OPERATION_FAILED, reply.error)
+    return {"found": found if bounds.type == EMPTY else within, **result()}
 
 
 def _get_entities(request: Any, node: Node) -> Steps:
@@ -327,5 +398,12 @@ SIMULATION_SERVICES: Final = (
     _service(
         "/set_entity_state", "SetEntityState", "spawner", _set_entity_state,
         "move an entity to a pose",
+    ),
+)  # fmt: skip
+
+SIMULATION_ACTIONS: Final = (
+    Action(
+        "/simulate_steps", "simulation_interfaces/action/SimulateSteps", "physics",
+        _simulate_steps, (CLOCK,), _pause, _failed, "advance the paused simulation by some steps",
     ),
 )  # fmt: skip

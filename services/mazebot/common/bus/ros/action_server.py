@@ -17,14 +17,20 @@ from mazebot.common.bus.attachment import pack_ros_attachment
 from mazebot.common.bus.liveliness import GraphNode
 from mazebot.common.bus.publisher import HEARTBEAT_S
 from mazebot.common.bus.ros.service_server import Refuse, Respond, declare_service
-from mazebot.common.messages import action_documents as act
 from mazebot.common.messages import messages as msg
-from mazebot.common.messages.documents import CancelGoal
-from mazebot.common.messages.error_codes import ErrorCode
 from mazebot.common.messages.keys import LATCHED_QOS, PUBLISHER, RELIABLE_QOS, Keys
-from mazebot.common.messages.topics import ACTION_FEEDBACK, ACTION_RESULT, CANCEL_GOAL
+from mazebot.common.messages.topics import Topic
 from mazebot.common.node.node import Inbox, Node
-from mazebot.common.ros.actions import Action, Ended, GoalError, GoalStatus
+from mazebot.common.ros.action import (
+    Action,
+    Course,
+    Ended,
+    Feedback,
+    GoalError,
+    GoalRejectedError,
+    GoalStatus,
+    Running,
+)
 from mazebot.common.ros.call import Response
 from mazebot.common.ros.interfaces import interfaces
 
@@ -33,18 +39,14 @@ MAX_ENDED = 20
 MAX_WAITING = 100
 """Requests for the result of one goal; further ones are refused."""
 _NO_ERROR, _UNKNOWN_GOAL, _GOAL_TERMINATED = 0, 2, 3
-_STATUSES = {
-    "succeeded": GoalStatus.SUCCEEDED, "canceled": GoalStatus.CANCELED,
-    "aborted": GoalStatus.ABORTED,
-}  # fmt: skip
 
 
 @dataclass
 class _Goal:
     goal_id: str
     """32 hexadecimal digits."""
-    message: Any
     stamp_ns: int
+    heard: Callable[[Any], Feedback | Ended | None] = lambda _: None
     status: GoalStatus = GoalStatus.ACCEPTED
     result: Response = field(default_factory=dict)
     waiting: list[Respond] = field(default_factory=list)
@@ -123,72 +125,104 @@ class ActionServer:
     def _refused(self, reason: str) -> None:
         self._inbox.refuse(self._action.name, reason)
 
-    def observe(self, message: act.ActionFeedback | act.ActionResult) -> None:
-        """Pass on feedback and results of the node's goals, if they are goals of this action."""
-        with self._lock:
-            goal = self._goals.get(message.goal_id)
-            if goal is None or goal.status.is_terminal:
-                return
-            try:
-                self._pass_on(goal, message)
-            except Exception:
-                # This is within the node's step, which must go on.
-                self._log.exception("%s", self._action.name)
-
-    def _pass_on(self, goal: _Goal, message: act.ActionFeedback | act.ActionResult) -> None:
-        if isinstance(message, act.ActionFeedback):
-            feedback = self._action.feedback(message)
-            self._publish["feedback"]({"goal_id": _uuid(goal.goal_id), "feedback": feedback})
+    def observe(self, topic: Topic[Any], message: object) -> None:
+        """Pass on what a message that the node sends says of goals of this action."""
+        if not self._goals or topic not in self._action.observes:
             return
-        self._end(
-            goal, Ended(_STATUSES[message.status], self._action.result(message, goal.message))
-        )
+        with self._lock:
+            for goal in list(self._goals.values()):
+                if goal.status.is_terminal:
+                    continue
+                try:
+                    self._pass_on(goal, goal.heard(message))
+                except Exception:
+                    # This is within the node's step, which must go on.
+                    self._log.exception("%s", self._action.name)
+
+    def _pass_on(self, goal: _Goal, told: Feedback | Ended | None) -> None:
+        if isinstance(told, Ended):
+            self._end(goal, told)
+        elif told is not None:
+            values = {"goal_id": _uuid(goal.goal_id), "feedback": told.values}
+            self._publish["feedback"](values)
 
     def _send_goal(self, request: Any, respond: Respond, refuse: Refuse) -> None:
         goal_id = request.goal_id.uuid.tobytes().hex()
-        goal = _Goal(goal_id, request.goal, self._now_ns())
         with self._lock:
             if goal_id in self._goals:
                 respond({"accepted": False})
                 return
+        goal = _Goal(goal_id, self._now_ns())
+        course = self._action.run(request.goal, goal_id)
+        self._go_on(goal, course, None, respond, refuse)
 
-        def accept(ended: Ended | None) -> None:
-            with self._lock:
-                if goal_id in self._goals:
-                    # Two requests of one id were under way.
-                    respond({"accepted": False})
-                    return
-                self._forget_oldest()
-                self._goals[goal_id] = goal
-                goal.status = GoalStatus.EXECUTING
-                respond({"accepted": True, "stamp": msg.time_from_ns(goal.stamp_ns)})
-                self._tell()
-                if ended is not None:
-                    self._end(goal, ended)
-
-        def fail(error: GoalError) -> None:
-            # As in Nav2: a goal is accepted, and what is wrong with it is its result.
-            if error.code == ErrorCode.GOAL_REJECTED:
+    def _go_on(
+        self, goal: _Goal, course: Course, reply: Any, respond: Respond, refuse: Refuse
+    ) -> None:
+        """Let a goal take its course until it waits for a reply, or is to hear how it goes on."""
+        with self._lock:
+            if reply is not None and goal.status.is_terminal:
+                return
+            try:
+                while True:
+                    part, reply = course.send(reply), None
+                    if isinstance(part, Feedback):
+                        self._pass_on(goal, part)
+                    elif isinstance(part, Running):
+                        goal.heard = part.heard
+                        if not self._accept(goal, respond):
+                            course.close()
+                            return
+                    elif self._inbox.ask(
+                        *part, lambda answer: self._go_on(goal, course, answer, respond, refuse)
+                    ):
+                        return
+                    else:
+                        self._give_up(goal, refuse, "too many pending requests")
+                        return
+            except StopIteration as end:
+                if end.value is not None and self._accept(goal, respond):
+                    self._end(goal, end.value)
+            except GoalRejectedError as error:
                 self._log.error("%s: goal rejected: %s", self._action.name, error)
                 respond({"accepted": False})
-            else:
-                accept(self._action.failed(error.code, str(error)))
-
-        def answered(reply: Any) -> None:
-            try:
-                accept(self._action.answer(reply))
             except GoalError as error:
-                fail(error)
+                # As in Nav2: a goal is accepted, and what is wrong with it is its result.
+                if self._accept(goal, respond):
+                    self._fail(goal, error.code, str(error))
+            except ValueError as error:
+                self._give_up(goal, refuse, "invalid goal", " ".join(str(error).split()))
+            except Exception:
+                # It may run within the node's step, which must go on.
+                self._log.exception("%s", self._action.name)
+                self._give_up(goal, refuse, "internal error", "see the log of the service")
 
-        try:
-            query, document = self._action.start(request.goal, goal_id)
-        except GoalError as error:
-            fail(error)
-        except ValueError as error:
-            refuse("invalid goal", " ".join(str(error).split()))
+    def _accept(self, goal: _Goal, respond: Respond) -> bool:
+        """Take a goal in, if it is not yet; False: another one has its id."""
+        known = self._goals.get(goal.goal_id)
+        if known is not None:
+            if known is not goal:
+                # Two requests of one id were under way.
+                respond({"accepted": False})
+            return known is goal
+        self._forget_oldest()
+        self._goals[goal.goal_id] = goal
+        goal.status = GoalStatus.EXECUTING
+        respond({"accepted": True, "stamp": msg.time_from_ns(goal.stamp_ns)})
+        self._tell()
+        return True
+
+    def _give_up(self, goal: _Goal, refuse: Refuse, reason: str, detail: str = "") -> None:
+        """Refuse a goal, or end it where it is accepted already."""
+        if goal.status is GoalStatus.ACCEPTED:
+            refuse(reason, detail)
         else:
-            if not self._inbox.ask(query, document, answered):
-                refuse("too many pending requests", "")
+            self._fail(goal, None, f"{reason}{detail and f': {detail}'}")
+
+    def _fail(self, goal: _Goal, code: int | None, message: str) -> None:
+        canceled = goal.status is GoalStatus.CANCELING
+        status = GoalStatus.CANCELED if canceled else GoalStatus.ABORTED
+        self._end(goal, Ended(status, self._action.failed(code, message)))
 
     def _cancel_goal(self, request: Any, respond: Respond, _: Refuse) -> None:
         info = request.goal_info
@@ -210,7 +244,7 @@ class ActionServer:
             for goal in meant:
                 goal.status = GoalStatus.CANCELING
                 # Its result comes as that of any goal.
-                self._inbox.ask(CANCEL_GOAL, CancelGoal(goal_id=goal.goal_id), lambda _: None)
+                self._inbox.ask(*self._action.cancel(goal.goal_id), lambda _: None)
             if meant:
                 self._tell()
             respond({"return_code": _NO_ERROR, "goals_canceling": [goal.info for goal in meant]})
@@ -249,7 +283,3 @@ class ActionServer:
 
 def _uuid(goal_id: str) -> dict[str, Any]:
     return {"uuid": np.frombuffer(bytes.fromhex(goal_id), np.uint8)}
-
-
-OBSERVED = (ACTION_FEEDBACK.name, ACTION_RESULT.name)
-"""The topics whose messages an action passes on."""
