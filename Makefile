@@ -50,7 +50,7 @@ sync = $(TELL) "installing the libraries of $2" "scripts/count-installed.sh $(UV
 	$(UV) pip sync --quiet --python $1/bin/python --require-hashes $2
 SOURCES := services tests examples docker
 
-.PHONY: help env demo slam demo-original up down goal recordings console view docs test test-slow test-ros2 test-browser test-compose check fix generate lock bench bench-nav bench-slam soak chaos fuzz seeds image clean
+.PHONY: help env demo slam demo-original up down goal recordings console view docs test test-slow test-longest test-ros2 test-browser test-compose check fix generate lock bench bench-nav bench-slam soak chaos fuzz seeds image clean
 
 help: ## print the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## /{printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -119,7 +119,11 @@ test: $(STAMP) ## run the tests: no Docker, no network, no GPU
 
 # Those of the group `real_time` drive by the wall clock, or load the machine: never two at once.
 test-slow: $(STAMP) .venv-fuzz/.installed ## run the long tests: every world driven, two hundred mazes
-	@.venv/bin/pytest -n 2 --dist loadgroup --no-loadscope-reorder -m slow
+	@.venv/bin/pytest -n 2 --dist loadgroup --no-loadscope-reorder -m "slow and not longest"
+
+# The same code in the same ways, with more cases: before a release, and after a change of the state's path.
+test-longest: $(STAMP) ## run the long tests with all their cases
+	@.venv/bin/pytest -n 2 --dist loadgroup --no-loadscope-reorder -m longest
 
 # Not beside those of the containers: Chromium gives up what it loads when a network is made or removed.
 test-browser: $(STAMP) ## run the tests of the console and the viewer in a browser (Chromium)

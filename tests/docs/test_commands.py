@@ -54,6 +54,8 @@ SHORTER = {
     "--port 8080": "--port 0",
     "maze.rows=12": "maze.rows=4",
     "demo --slam": "demo --no-camera --slam",
+    "demo --world maze": "demo --no-camera --world maze",
+    "demo --world slam": "demo --no-camera --world slam",
 }
 TOUR = re.compile(
     r"mazebot demo(?= (--params \S+|--seed 11 .*|--world (house.sdf.xacro|enhanced .*|original "

@@ -82,7 +82,10 @@ class Victim:
         self.node.step(self.now_ns, self.inbox, self.outbox)
 
 
-@pytest.mark.parametrize("count", [150, pytest.param(3000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [
+    150, pytest.param(1000, marks=pytest.mark.slow),
+    pytest.param(3000, marks=[pytest.mark.slow, pytest.mark.longest]),
+])  # fmt: skip
 @pytest.mark.parametrize("name", MAKERS)
 def test_no_message_ends_a_node(
     name: str, count: int, tmp_path: Path, caplog: pytest.LogCaptureFixture

@@ -45,7 +45,9 @@ def test_the_start_is_on_the_largest_piece(seed: int, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.timeout(300)
-@pytest.mark.parametrize("seed", FIELDS)
+@pytest.mark.parametrize(
+    "seed", [pytest.param(seed, marks=[pytest.mark.longest] * (seed % 2)) for seed in FIELDS]
+)
 def test_a_field_is_driven_from_end_to_end(seed: int, tmp_path: Path) -> None:
     file = starts_on_the_largest_piece(seed, tmp_path)
     options = DemoOptions(

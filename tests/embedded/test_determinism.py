@@ -18,7 +18,7 @@ from mazebot.common.recordings.comparing.digests import read_digests
 from mazebot.common.recordings.comparing.run_comparison import compare
 from mazebot.embedded.demo import DemoOptions, run
 
-RUNS = 3
+RUNS = 2
 BURN = "import hashlib\nwhile True: hashlib.sha256(bytes(1_000_000))"
 
 

@@ -155,6 +155,7 @@ def test_a_session_compiles_side_by_side_too(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.longest
 @pytest.mark.timeout(900)
 def test_once_the_list_is_compiled_nothing_is_left(tmp_path: Path) -> None:
     run("from mazebot.embedded.kernels import main; assert main() == 0", tmp_path)

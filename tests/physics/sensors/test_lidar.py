@@ -212,10 +212,11 @@ def test_scans_agree_with_geometry_to_a_millimetre(name: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("poses", [2_500, pytest.param(10_000, marks=pytest.mark.longest)])
 @pytest.mark.parametrize("profile", ["lds01", "gazebo"])
 @pytest.mark.parametrize("name", WORLDS)
-def test_ten_thousand_scans_agree_with_geometry(name: str, profile: str) -> None:
-    check_against_geometry(WORLDS[name](), 10_000, 60, profile)
+def test_thousands_of_scans_agree_with_geometry(name: str, profile: str, poses: int) -> None:
+    check_against_geometry(WORLDS[name](), poses, 60, profile)
 
 
 def test_what_is_met_does_not_depend_on_the_order_of_the_solids() -> None:
