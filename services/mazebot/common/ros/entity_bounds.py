@@ -44,10 +44,8 @@ def problem_of_bounds(bounds: Any) -> str:
 def overlaps(
     entity: doc.Entity, low_m: Sequence[float], high_m: Sequence[float], bounds: Any
 ) -> bool:
-    """Whether an entity's box, in its own frame, touches bounds in `map` that have no problem."""
+    """Whether an entity's box, in its own frame, touches bounds in `map`: some, and no problem."""
     map_from_entity = pose_matrix(entity)
-    if bounds.type == EMPTY:
-        return True
     points = np.array([(point.x, point.y, point.z) for point in bounds.points])
     if bounds.type == SPHERE:
         centre = _moved(inverse_matrix(map_from_entity), points[:1])[0]
