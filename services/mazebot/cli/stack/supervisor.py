@@ -97,7 +97,10 @@ class _Service:
         if text.startswith("waiting for "):
             self.state.phase = "waiting"
             self.state.waits_for = text.removeprefix("waiting for ")
-        elif text == "active" or text.startswith(("connected to ", "listening on ")):
+        elif text.startswith("connected to "):
+            # Whether it waits for anything is said next.
+            self.state.phase = "starting"
+        elif text == "active" or text.startswith("listening on "):
             self.state.phase = "active"
 
     def take_leave(self, is_wanted: bool) -> None:

@@ -146,7 +146,8 @@ class _Service:
         self._handover: Handover | None = None
         self._trigger: Trigger | None = None
         self._logged_s = 0.0
-        self._logged: str | None = None
+        self._logged: str | None = ""
+        """What it was said to wait for last; None: active; empty: neither was said yet."""
         self._diagnostics_s = 0.0
         self._report: SelfReport | None = None
 
@@ -176,6 +177,7 @@ class _Service:
         outbox.put(PARAMETERS, self._node.parameters())
         bus.announce()
         self._log.info("connected to %s", self._bus_config.connect)
+        self._logged = ""
 
     def _still_wanted(self) -> bool:
         """Whether no stop signal was received; called whenever the service waits."""
@@ -412,7 +414,7 @@ class _Service:
         if waiting_for is None:
             if self._logged is not None:
                 self._log.info("active")
-        elif now_s - self._logged_s >= LOG_AGAIN_S:
+        elif not self._logged or now_s - self._logged_s >= LOG_AGAIN_S:
             self._logged_s = now_s
             self._log.info("waiting for %s", waiting_for)
             if self._handover is not None:
