@@ -175,6 +175,23 @@ def test_the_version_is_told() -> None:
     assert told == f"mazebot {mazebot_version()}\n"
 
 
+@pytest.mark.parametrize(("word", "code"), [("--version", 0), ("nonsense", 2)])
+def test_with_zenoh_s_threads_the_exit_code_does_not_depend_on_how_python_is_taken_down(
+    word: str, code: int
+) -> None:
+    script = (
+        "import atexit, os, sys, zenoh\n"
+        "from mazebot.cli.__main__ import main\n"
+        "atexit.register(os.abort)\n"
+        f"sys.argv = ['mazebot', {word!r}]\n"
+        "main()\n"
+    )
+    command = [sys.executable, "-c", script]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == code
+    assert done.stdout + done.stderr
+
+
 def test_a_recording_is_opened_in_a_browser_where_there_is_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import sys
 from collections.abc import Sequence
 from typing import NoReturn
@@ -26,7 +28,21 @@ def main() -> NoReturn:
             app.main()
     except KeyboardInterrupt:
         # While it was loaded.
-        sys.exit(130)
+        _end(130)
+    except SystemExit as ended:
+        _end(ended.code)
+
+
+def _end(code: str | int | None) -> NoReturn:
+    """End the process. Zenoh's threads may still run: one that meets an interpreter which is being
+    taken down ends the process with a signal, in place of its exit code.
+    """
+    if "zenoh" not in sys.modules or not isinstance(code, int):
+        sys.exit(code)
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(BrokenPipeError):
+            stream.flush()
+    os._exit(code)
 
 
 if __name__ == "__main__":
