@@ -122,8 +122,9 @@ test-slow: $(STAMP) .venv-fuzz/.installed ## run the long tests: every world dri
 	@.venv/bin/pytest -n 2 --dist loadgroup --no-loadscope-reorder -m "slow and not longest"
 
 # The same code in the same ways, with more cases: before a release, and after a change of the state's path.
-test-longest: $(STAMP) ## run the long tests with all their cases
-	@.venv/bin/pytest -n 2 --dist loadgroup --no-loadscope-reorder -m longest
+test-longest: $(STAMP) ## run the long tests with all their cases, those of containers too (Docker)
+	@.venv/bin/pytest -n 2 --dist loadgroup --no-loadscope-reorder -m "longest and not compose"
+	@.venv/bin/pytest -n 0 -m "longest and compose" --timeout 900 tests/compose
 
 # Not beside those of the containers: Chromium gives up what it loads when a network is made or removed.
 test-browser: $(STAMP) ## run the tests of the console and the viewer in a browser (Chromium)
@@ -131,7 +132,7 @@ test-browser: $(STAMP) ## run the tests of the console and the viewer in a brows
 
 # One after another: two stacks at once are more than two cores carry in real time.
 test-compose: $(STAMP) ## run the tests of the containers (Docker)
-	@.venv/bin/pytest -n 0 -m compose --timeout 900 tests/compose
+	@.venv/bin/pytest -n 0 -m "compose and not longest" --timeout 900 tests/compose
 
 test-ros2: $(STAMP) .venv-ros2/.installed ## run the tests against what others wrote for ROS 2: clients, type hashes
 	@.venv/bin/pytest -n 2 --dist loadfile -m ros2

@@ -65,6 +65,7 @@ def test_the_robot_drives_on_after_the_main_faults(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.longest
 @pytest.mark.xdist_group("real_time")
 @pytest.mark.timeout(900)
 def test_an_exploration_goes_on_with_its_map_after_faults(tmp_path: Path) -> None:

@@ -70,6 +70,7 @@ def test_what_cannot_be_done_is_one_line(
 
 
 @pytest.mark.slow
+@pytest.mark.longest
 @pytest.mark.xdist_group("real_time")
 @pytest.mark.timeout(900)
 def test_a_stack_lives_on_through_kills_and_worlds(tmp_path: Path) -> None:

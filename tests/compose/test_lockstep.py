@@ -107,7 +107,9 @@ def test_a_tour_in_lockstep_is_that_of_one_process(
         assert driven(repeated) == in_process
 
 
-@pytest.mark.parametrize("attempt", range(4))
+@pytest.mark.parametrize(
+    "attempt", [0, *(pytest.param(more, marks=pytest.mark.longest) for more in range(1, 4))]
+)
 def test_it_repeats(person: int, in_process: list[SimulationStats], attempt: int) -> None:
     with running(person) as (stack, stats):
         assert stack.compose("up", "--detach", DEMO).returncode == 0
