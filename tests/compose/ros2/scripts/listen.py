@@ -13,6 +13,7 @@ import sys
 import time
 
 import rclpy
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
@@ -29,11 +30,14 @@ def main() -> None:
     seconds, *names = sys.argv[1:]
     rclpy.init()
     node = Node("listener")
+    # One that stays: rclpy.spin_once makes room for the node each time, and falls behind.
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
     end_s = time.monotonic() + 60.0
     kinds: dict[str, list[str]] = {}
     while not kinds.keys() >= set(names):
         assert time.monotonic() < end_s, f"missing: {set(names) - kinds.keys()}"
-        rclpy.spin_once(node, timeout_sec=0.1)
+        executor.spin_once(timeout_sec=0.1)
         kinds = dict(node.get_topic_names_and_types())
     heard: dict[str, list[str]] = {name: [] for name in names}
 
@@ -56,12 +60,12 @@ def main() -> None:
         )  # fmt: skip
     while not all(heard.values()):
         assert time.monotonic() < end_s, {name: len(all_) for name, all_ in heard.items()}
-        rclpy.spin_once(node, timeout_sec=0.1)
+        executor.spin_once(timeout_sec=0.1)
     sys.stdout.write("all\n")
     sys.stdout.flush()
     end_s = time.monotonic() + float(seconds)
     while time.monotonic() < end_s:
-        rclpy.spin_once(node, timeout_sec=0.1)
+        executor.spin_once(timeout_sec=0.1)
     sys.stdout.write(json.dumps(heard))
     sys.stdout.flush()
     os._exit(0)
