@@ -1,5 +1,6 @@
 """SECONDS TOPIC...: a node of ROS 2 with rclpy prints, as JSON, the SHA-256 of the bytes of each
-message that it gets in that time, by topic. Before, it prints a line when all have come once.
+message that it gets in that time, by topic. Before, it prints a line when all have come once, and
+one at the end of that time; then it still takes what is under way.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+_LATE_S = 2.0
 
 
 def class_of(type_name: str) -> type:
@@ -63,9 +66,12 @@ def main() -> None:
         executor.spin_once(timeout_sec=0.1)
     sys.stdout.write("all\n")
     sys.stdout.flush()
-    end_s = time.monotonic() + float(seconds)
-    while time.monotonic() < end_s:
-        executor.spin_once(timeout_sec=0.1)
+    for more_s, word in ((float(seconds), "end\n"), (_LATE_S, "")):
+        end_s = time.monotonic() + more_s
+        while time.monotonic() < end_s:
+            executor.spin_once(timeout_sec=0.1)
+        sys.stdout.write(word)
+        sys.stdout.flush()
     sys.stdout.write(json.dumps(heard))
     sys.stdout.flush()
     os._exit(0)
