@@ -25,6 +25,7 @@ from mazebot.navigation.behavior.actions import Request, TaskFeedback, TaskResul
 from mazebot.navigation.behavior.context import BatteryCharge, ClearRequest
 from mazebot.navigation.behavior.docking.docks import CameraView
 from mazebot.navigation.behavior.engine.tree import NodeSnapshot
+from mazebot.navigation.behavior.nodes.nodes_goals import Statuses
 from mazebot.navigation.control.collision import Velocity
 from mazebot.navigation.control.mppi.mppi import Trajectories
 from mazebot.navigation.control.safety.collision_monitor import MonitorState
@@ -285,17 +286,21 @@ def result_action(goal_id: str, result: TaskResult, docks: Mapping[str, SE2]) ->
         end_time_s=result.end_ns * 1e-9,
         number_of_recoveries=result.number_of_recoveries,
         num_retries=result.num_retries,
-        waypoints=tuple(
-            act.WaypointStatus(
-                status=one.waypoint_status.name.lower(),
-                index=one.waypoint_index,
-                error_code=one.error_code,
-                error_msg=one.error_msg,
-            )
-            for one in result.waypoint_statuses
-        ),
+        waypoints=_waypoints(result.waypoint_statuses),
         goal=None if goal is None else planar_document(goal),
         displacement=None if displacement is None else planar_document(displacement),
+    )
+
+
+def _waypoints(statuses: Statuses) -> tuple[act.WaypointStatus, ...]:
+    return tuple(
+        act.WaypointStatus(
+            status=one.waypoint_status.name.lower(),
+            index=one.waypoint_index,
+            error_code=one.error_code,
+            error_msg=one.error_msg,
+        )
+        for one in statuses
     )
 
 
@@ -328,6 +333,12 @@ def feedback_document(
         distance_traveled_m=feedback.motion if action in ("BackUp", "DriveOnHeading") else None,
         time_left_s=feedback.motion if action == "Wait" else None,
         speed_m_s=feedback.speed_m_s if action == "FollowPath" else None,
+        position_tracking_error_m=feedback.position_tracking_error_m if drives else None,
+        heading_tracking_error_rad=feedback.heading_tracking_error_rad if drives else None,
+        current_path_index=feedback.current_path_index if drives else None,
+        waypoints=(
+            _waypoints(feedback.waypoint_statuses) if action == "NavigateThroughPoses" else ()
+        ),
         docking_state=feedback.docking_state.name.lower() if docks else None,
         num_retries=feedback.num_retries if docks else None,
         paused=paused,

@@ -35,6 +35,11 @@ from tests.common.bus.running import Running
 UNKNOWN, EXECUTING, CANCELING, SUCCEEDED, CANCELED, ABORTED = 0, 2, 3, 4, 5, 6
 TO_POSE = "nav2_msgs/action/NavigateToPose"
 OUTSIDE = 204
+THROUGH = "navigate_through_poses"
+PASSED = tuple(
+    act.WaypointStatus(status=status, index=index)
+    for index, status in enumerate(("completed", "pending"))
+)
 DEADLINE_S = 20.0
 
 
@@ -68,6 +73,9 @@ class Navigation(Node):
                 number_of_recoveries=2, current_pose=doc.Planar(x_m=3.0, y_m=4.0, yaw_rad=0.0),
                 navigation_time_s=2.25, current_waypoint=1, time_left_s=4.5, speed_m_s=0.25,
                 estimated_time_remaining_s=1e9, docking_state="controlling", num_retries=1,
+                goal=doc.Planar(x_m=3.0, y_m=4.75, yaw_rad=0.0), position_tracking_error_m=-0.125,
+                heading_tracking_error_rad=0.5, current_path_index=7, number_of_poses_remaining=1,
+                waypoints=PASSED if self.goal.goal.action == THROUGH else (),
             )  # fmt: skip
             outbox.put(ACTION_FEEDBACK, told)
             if self.finishes:
@@ -90,11 +98,12 @@ class Navigation(Node):
     def _end(self, status: Any, code: int, outbox: Outbox) -> None:
         assert self.goal is not None
         missed = (act.WaypointStatus(status="failed", index=1, error_code=207, error_msg="late"),)
+        waypoints = {"follow_waypoints": missed, THROUGH: PASSED}
         ended = act.ActionResult(
             goal_id=self.goal.goal_id, action=self.goal.goal.action, status=status,
             error_code=code, error_msg="why" if code else "", start_time_s=1.0, end_time_s=3.5,
             num_retries=2,
-            waypoints=missed if self.goal.goal.action == "follow_waypoints" else (),
+            waypoints=waypoints.get(self.goal.goal.action, ()),
         )  # fmt: skip
         self.goal = None
         outbox.put(ACTION_RESULT, ended)
@@ -204,6 +213,8 @@ def test_a_goal_is_accepted_told_of_and_reached(each: Stack) -> None:
     assert (feedback.navigation_time.sec, feedback.navigation_time.nanosec) == (2, 250_000_000)
     assert feedback.estimated_time_remaining.sec == 10**9
     assert (feedback.number_of_recoveries, feedback.distance_remaining) == (2, 1.5)
+    if each.keys.distro == "lyrical":
+        assert (feedback.position_tracking_error, feedback.heading_tracking_error) == (-0.125, 0.5)
     assert not results
     each.node.finishes = True
     each.wake()
@@ -399,13 +410,36 @@ def test_a_path_is_computed(stack: Stack, x_m: float, status: int, code: int) ->
     result = stack.result(goal_id, kind, name)
     assert (result.status, result.result.error_code) == (status, code)
     assert [one.pose.position.x for one in result.result.path.poses] == [2.0] * (not code)
+    took = result.result.planning_time
+    assert 0 < took.sec * 10**9 + took.nanosec < DEADLINE_S * 1e9
+
+
+def test_a_path_is_computed_through_the_points_on_its_way(endpoint: str) -> None:
+    stack = Stack(endpoint, "lyrical")
+    kind, name = "nav2_msgs/action/ComputePathToPose", "/compute_path_to_pose"
+    goal = {"goal": pose(3.0), "viapoints": [pose(1.0), pose(2.0)]}
+    goal_id, _ = stack.send(goal, kind, name)
+    path = stack.result(goal_id, kind, name).result.path
+    stack.close()
+    assert [one.pose.position.x for one in path.poses] == [1.0, 2.0, 3.0]
 
 
 def test_poses_to_drive_through_have_the_form_of_the_distribution(each: Stack) -> None:
     poses = [pose(1.0), pose(2.0)]
     goal = {"poses": poses if each.keys.distro == "jazzy" else {"goals": poses}}
-    kind = "nav2_msgs/action/NavigateThroughPoses"
-    assert each.send(goal, kind, "/navigate_through_poses")[1].accepted
+    kind, name = "nav2_msgs/action/NavigateThroughPoses", "/navigate_through_poses"
+    told = each.heard("feedback", f"{kind}_FeedbackMessage", name)
+    goal_id, reply = each.send(goal, kind, name)
+    assert reply.accepted
+    each.wake()
+    wait_until(lambda: bool(told), "feedback")
+    each.node.finishes = True
+    each.wake()
+    result = each.result(goal_id, kind, name).result
+    if each.keys.distro != "jazzy":
+        for statuses in (told[0].feedback.waypoint_statuses, result.waypoint_statuses):
+            assert [one.waypoint_status for one in statuses] == [1, 0]
+            assert [one.waypoint_pose.pose.position.x for one in statuses] == [1.0, 2.0]
     sent = each.node.sent[0].goal
     assert isinstance(sent, act.NavigateThroughPoses)
     assert [one.x_m for one in sent.poses] == [1.0, 2.0]
@@ -418,19 +452,31 @@ def path_of(frame_id: str = "map", of_poses: str = "") -> dict[str, Any]:
     return {"header": {"frame_id": frame_id}, "poses": poses}
 
 
-def test_a_path_is_followed(stack: Stack) -> None:
+def test_a_path_is_followed(each: Stack) -> None:
     kind, name = "nav2_msgs/action/FollowPath", "/follow_path"
-    told = stack.heard("feedback", f"{kind}_FeedbackMessage", name)
-    goal_id, reply = stack.send({"path": path_of(), "controller_id": "FollowPath"}, kind, name)
+    told = each.heard("feedback", f"{kind}_FeedbackMessage", name)
+    by_handler = {"path_handler_id": "PathHandler"} if each.keys.distro == "lyrical" else {}
+    goal = {"path": path_of(), "controller_id": "FollowPath", **by_handler}
+    goal_id, reply = each.send(goal, kind, name)
     assert reply.accepted
     poses = tuple(doc.Planar(x_m=x_m, y_m=0.0, yaw_rad=0.0) for x_m in (1.0, 2.0))
-    assert stack.node.sent[0].goal == act.FollowPath(path=poses, controller_id="FollowPath")
-    stack.wake()
+    wanted = act.FollowPath(path=poses, controller_id="FollowPath", **by_handler)
+    assert each.node.sent[0].goal == wanted
+    each.wake()
     wait_until(lambda: bool(told), "feedback")
-    assert (told[0].feedback.distance_to_goal, told[0].feedback.speed) == (1.5, 0.25)
-    stack.node.finishes = True
-    stack.wake()
-    assert stack.result(goal_id, kind, name).status == SUCCEEDED
+    feedback = told[0].feedback
+    if by_handler:
+        tracking = feedback.tracking_feedback
+        assert (tracking.position_tracking_error, tracking.heading_tracking_error) == (-0.125, 0.5)
+        assert (tracking.current_path_index, tracking.speed) == (7, 0.25)
+        assert (tracking.distance_to_goal, tracking.remaining_path_length) == (0.75, 1.5)
+        assert tracking.robot_pose.pose.position.y == 4.0
+        assert tracking.header.frame_id == "map"
+    else:
+        assert (feedback.distance_to_goal, feedback.speed) == (1.5, 0.25)
+    each.node.finishes = True
+    each.wake()
+    assert each.result(goal_id, kind, name).status == SUCCEEDED
 
 
 @pytest.mark.parametrize(("frame_id", "of_poses"), [("odom", ""), ("map", "odom")])

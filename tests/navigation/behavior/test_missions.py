@@ -32,6 +32,7 @@ from mazebot.navigation.behavior.bt_navigator import (
 from mazebot.navigation.behavior.context import Dock
 from mazebot.navigation.behavior.engine.tree import NodeStatus
 from mazebot.navigation.behavior.nodes.nodes_goals import WaypointState
+from mazebot.navigation.behavior.nodes.path_parts import pose_on
 from mazebot.navigation.behavior.waypoints import WaitAtWaypoint
 from mazebot.navigation.control.collision import STOP, Velocity
 from mazebot.navigation.errors import NavigationError
@@ -284,6 +285,70 @@ def test_through_poses_passes_each_in_its_order() -> None:
     # No stop at the first one.
     passed = min(range(len(drive.poses)), key=lambda i: drive.poses[i].distance_m(NEAR))
     assert drive.commands[passed] != STOP
+
+
+@pytest.mark.parametrize("ends", ["canceled", "stuck"])
+def test_poses_that_were_not_passed_have_failed(ends: str) -> None:
+    drive = Drive(SimulatedRobot(Unicycle(START, stuck=ends == "stuck")))
+    drive.navigator.start(0, NavigateThroughPoses((NEAR, FAR)))
+    drive.run(2.0)
+    feedback = drive.navigator.feedback(drive.now_ns)
+    assert feedback is not None
+    states = {one.waypoint_status for one in feedback.waypoint_statuses}
+    assert states == {WaypointState.PENDING}
+    result = drive.navigator.cancel(drive.now_ns) if ends == "canceled" else drive.finish()
+    assert result is not None
+    assert [one.waypoint_status for one in result.waypoint_statuses] == [WaypointState.FAILED] * 2
+
+
+def test_the_robot_is_told_how_far_it_is_off_its_path_and_on_which_side() -> None:
+    drive = Drive()
+    path = drive.robot.compute_path(START, [NEAR], "")
+    index = len(path.points_m) // 3
+    beside = pose_on(path, index) @ SE2(0.0, -0.05, 0.2)
+    drive.robot.robot.map_from_base = beside
+    drive.navigator.start(0, FollowPath(path))
+    drive.step()
+    feedback = drive.navigator.feedback(drive.now_ns)
+    assert feedback is not None
+    assert feedback.position_tracking_error_m == pytest.approx(-0.05, abs=0.005)
+    assert feedback.heading_tracking_error_rad == pytest.approx(-0.2, abs=0.05)
+    assert feedback.current_path_index == pytest.approx(index, abs=1)
+    drive.run(3.0)
+    later = drive.navigator.feedback(drive.now_ns)
+    assert later is not None
+    assert later.current_path_index > index + 5
+    at = pose_on(path, later.current_path_index)
+    assert drive.robot.robot.map_from_base.distance_m(at) < 0.1
+    assert drive.finish().error_code == 0
+
+
+BOUNDED = """
+<ReactiveSequence>
+  <IsWithinPathTrackingBounds max_error_left="0.2" max_error_right="0.1"
+    tracking_feedback="{tracking_feedback}"/>
+  <FollowPath path="{path}" tracking_feedback="{tracking_feedback}"/>
+</ReactiveSequence>
+"""
+
+
+@pytest.mark.parametrize(("y_m", "code"), [(0.15, 0), (-0.15, ErrorCode.NAVIGATOR_UNKNOWN)])
+def test_a_robot_that_is_pushed_off_its_path_leaves_its_bounds(
+    tmp_path: Path, y_m: float, code: int
+) -> None:
+    tree = tmp_path / "bounded.xml"
+    tree.write_text(
+        document(
+            f'<Sequence><ComputePathToPose goal="{{goal}}" path="{{path}}"/>{BOUNDED}</Sequence>'
+        )
+    )
+    drive = Drive()
+    drive.navigator.start(0, NavigateToPose(NEAR, str(tree)))
+    drive.run(2.0)
+    assert not drive.results
+    aside = SE2(0.0, y_m, 0.0)
+    drive.robot.robot.map_from_base = drive.robot.robot.map_from_base @ aside
+    assert drive.finish().error_code == code
 
 
 def test_through_no_poses_is_refused() -> None:

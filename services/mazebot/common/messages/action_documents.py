@@ -336,6 +336,18 @@ class ActionFeedback(Document):
     distance_traveled_m: Finite | None = None
     time_left_s: Finite | None = None
     speed_m_s: Finite | None = None
+    position_tracking_error_m: Finite | None = Field(
+        None, description="distance from the path; positive: the robot is left of it"
+    )
+    heading_tracking_error_rad: Finite | None = Field(
+        None, description="from the robot's heading to that of the path there"
+    )
+    current_path_index: int | None = Field(
+        None, description="of the point of the path nearest to the robot"
+    )
+    waypoints: tuple[WaypointStatus, ...] = Field(
+        (), description="of `navigate_through_poses`: what has become of each pose"
+    )
     docking_state: str | None = None
     num_retries: int | None = None
     paused: bool = False
@@ -359,7 +371,11 @@ class ActionResult(Document):
     end_time_s: Finite
     number_of_recoveries: int = 0
     num_retries: int = Field(0, description="of docking: approaches after the first one")
-    waypoints: tuple[WaypointStatus, ...] = ()
+    waypoints: tuple[WaypointStatus, ...] = Field(
+        (),
+        description="of `navigate_through_poses`: what has become of each pose; of "
+        "`follow_waypoints`: those that were missed",
+    )
     goal: Planar | None = Field(
         None, description="where it should end; null: it has no goal in the map"
     )

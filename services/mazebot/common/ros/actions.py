@@ -4,9 +4,12 @@ simulator.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+import time
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Final
 
+from mazebot.common.maths.frames import MAP_FRAME
 from mazebot.common.messages import action_documents as act
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.documents import CancelGoal, Planar
@@ -91,6 +94,7 @@ def _path(message: Any) -> act.ActionGoal:
         controller_id=message.controller_id,
         goal_checker_id=message.goal_checker_id,
         progress_checker_id=message.progress_checker_id,
+        path_handler_id=getattr(message, "path_handler_id", ""),
     )
 
 
@@ -159,59 +163,91 @@ def _undock(message: Any) -> act.ActionGoal:
 
 def _compute(message: Any, _: str) -> Course:
     start = _planar(message.start) if message.use_start else None
-    goals = (_planar(message.goal),)
+    goals = _planars([*getattr(message, "viapoints", ()), message.goal])
     asked = act.ComputePath(goals=goals, start=start, planner_id=message.planner_id)
+    begun_s = time.monotonic()
     reply = yield COMPUTE_PATH, asked
+    planning_time = duration_values(time.monotonic() - begun_s)
     if reply.error_code == ErrorCode.GOAL_REJECTED:
         raise GoalRejectedError(reply.error_msg)
     path = {"header": {"frame_id": "map"}, "poses": [pose_stamped(pose) for pose in reply.path]}
     failed = reply.error_code != ErrorCode.NONE
     return Ended(
         GoalStatus.ABORTED if failed else GoalStatus.SUCCEEDED,
-        {"path": path, "error_code": reply.error_code, "error_msg": reply.error_msg},
+        {
+            "path": path,
+            "planning_time": planning_time,
+            "error_code": reply.error_code,
+            "error_msg": reply.error_msg,
+        },
     )
 
 
-def _task_feedback(told: act.ActionFeedback) -> dict[str, Any]:
-    pose = told.current_pose
+def _task_feedback(told: act.ActionFeedback, _: Any) -> Versioned:
+    return Versioned(
+        current_pose=_current_pose(told),
+        navigation_time=duration_values(told.navigation_time_s),
+        estimated_time_remaining=duration_values(told.estimated_time_remaining_s or 0.0),
+        number_of_recoveries=told.number_of_recoveries or 0,
+        distance_remaining=told.distance_remaining_m or 0.0,
+        **_tracking_errors(told),
+    )
+
+
+def _current_pose(told: act.ActionFeedback) -> Any:
+    return {} if told.current_pose is None else pose_stamped(told.current_pose)
+
+
+def _tracking_errors(told: act.ActionFeedback) -> dict[str, float]:
     return {
-        "current_pose": {} if pose is None else pose_stamped(pose),
-        "navigation_time": duration_values(told.navigation_time_s),
-        "estimated_time_remaining": duration_values(told.estimated_time_remaining_s or 0.0),
-        "number_of_recoveries": told.number_of_recoveries or 0,
-        "distance_remaining": told.distance_remaining_m or 0.0,
+        "position_tracking_error": told.position_tracking_error_m or 0.0,
+        "heading_tracking_error": told.heading_tracking_error_rad or 0.0,
     }
 
 
-def _through_feedback(told: act.ActionFeedback) -> Response:
-    left = told.number_of_poses_remaining or 0
-    return {**_task_feedback(told), "number_of_poses_remaining": left}
+def _through_feedback(told: act.ActionFeedback, goal: Any) -> Response:
+    return Versioned(
+        **_task_feedback(told, goal),
+        number_of_poses_remaining=told.number_of_poses_remaining or 0,
+        waypoint_statuses=_statuses(told.waypoints, _poses(goal)),
+    )
 
 
-def _waypoints_feedback(told: act.ActionFeedback) -> Response:
+def _waypoints_feedback(told: act.ActionFeedback, _: Any) -> Response:
     return {"current_waypoint": told.current_waypoint or 0}
 
 
-def _path_feedback(told: act.ActionFeedback) -> Response:
-    return {
-        "distance_to_goal": told.distance_remaining_m or 0.0,
-        "speed": told.speed_m_s or 0.0,
+def _path_feedback(told: act.ActionFeedback, _: Any) -> Response:
+    """Nav2's numbers: until Kilted `distance_to_goal` is along the path, since Lyrical straight."""
+    remaining_m, speed_m_s = told.distance_remaining_m or 0.0, told.speed_m_s or 0.0
+    pose, goal, straight_m = told.current_pose, told.goal, 0.0
+    if pose is not None and goal is not None:
+        straight_m = math.hypot(goal.x_m - pose.x_m, goal.y_m - pose.y_m)
+    tracking = {
+        "header": {"frame_id": MAP_FRAME},
+        **_tracking_errors(told),
+        "current_path_index": told.current_path_index or 0,
+        "robot_pose": _current_pose(told),
+        "distance_to_goal": straight_m,
+        "speed": speed_m_s,
+        "remaining_path_length": remaining_m,
     }
+    return Versioned(distance_to_goal=remaining_m, speed=speed_m_s, tracking_feedback=tracking)
 
 
-def _spin_feedback(told: act.ActionFeedback) -> Response:
+def _spin_feedback(told: act.ActionFeedback, _: Any) -> Response:
     return {"angular_distance_traveled": told.angular_distance_traveled_rad or 0.0}
 
 
-def _straight_feedback(told: act.ActionFeedback) -> Response:
+def _straight_feedback(told: act.ActionFeedback, _: Any) -> Response:
     return {"distance_traveled": told.distance_traveled_m or 0.0}
 
 
-def _wait_feedback(told: act.ActionFeedback) -> Response:
+def _wait_feedback(told: act.ActionFeedback, _: Any) -> Response:
     return {"time_left": duration_values(told.time_left_s or 0.0)}
 
 
-def _assisted_feedback(told: act.ActionFeedback) -> Response:
+def _assisted_feedback(told: act.ActionFeedback, _: Any) -> Response:
     return {"current_teleop_duration": duration_values(told.navigation_time_s)}
 
 
@@ -220,7 +256,7 @@ _DOCKING_STATES: Final = (
 )  # fmt: skip
 
 
-def _dock_feedback(told: act.ActionFeedback) -> Response:
+def _dock_feedback(told: act.ActionFeedback, _: Any) -> Response:
     return {
         "state": _DOCKING_STATES.index(told.docking_state or "none"),
         "docking_time": duration_values(told.navigation_time_s),
@@ -228,7 +264,7 @@ def _dock_feedback(told: act.ActionFeedback) -> Response:
     }
 
 
-def _no_feedback(_: act.ActionFeedback) -> Response:
+def _no_feedback(_told: act.ActionFeedback, _: Any) -> Response:
     return {}
 
 
@@ -253,25 +289,37 @@ _WAYPOINT_STATUS: Final = {"pending": 0, "completed": 1, "skipped": 2, "failed":
 
 
 def _waypoints_result(ended: act.ActionResult, goal: Any) -> Response:
-    """Each missed waypoint with the names of MissedWaypoint, and since Kilted of WaypointStatus."""
-    missed = []
-    for one in ended.waypoints:
-        pose = goal.poses[one.index] if 0 <= one.index < len(goal.poses) else {}
-        missed.append(
-            {
-                "index": one.index,
-                "goal": pose,
-                "waypoint_status": _WAYPOINT_STATUS[one.status],
-                "waypoint_index": one.index,
-                "waypoint_pose": pose,
-                "error_code": one.error_code,
-                "error_msg": one.error_msg,
-            }
+    missed = _statuses(ended.waypoints, goal.poses)
+    return {**_task_result(ended, goal), "missed_waypoints": missed}
+
+
+def _through_result(ended: act.ActionResult, goal: Any) -> Response:
+    statuses = _statuses(ended.waypoints, _poses(goal))
+    return Versioned(**_task_result(ended, goal), waypoint_statuses=statuses)
+
+
+def _statuses(
+    waypoints: Iterable[act.WaypointStatus], poses: Sequence[msg.PoseStamped]
+) -> list[Versioned]:
+    """With the names of MissedWaypoint, and since Kilted of WaypointStatus."""
+    found = []
+    for one in waypoints:
+        pose: Any = poses[one.index] if 0 <= one.index < len(poses) else {}
+        found.append(
+            Versioned(
+                index=one.index,
+                goal=pose,
+                waypoint_status=_WAYPOINT_STATUS[one.status],
+                waypoint_index=one.index,
+                waypoint_pose=pose,
+                error_code=one.error_code,
+                error_msg=one.error_msg,
+            )
         )
-    return {**_task_result(ended, goal), "missed_waypoints": Versioned(missed)}
+    return found
 
 
-_OfFeedback = Callable[[act.ActionFeedback], Response]
+_OfFeedback = Callable[[act.ActionFeedback, Any], Response]
 _OfResult = Callable[[act.ActionResult, Any], Response]
 
 
@@ -302,7 +350,7 @@ def _sent(
             if told.goal_id != goal_id:
                 return None
             if isinstance(told, act.ActionFeedback):
-                return Feedback(feedback(told))
+                return Feedback(feedback(told, message))
             return Ended(_STATUSES[told.status], result(told, message))
 
         yield Running(heard)
@@ -332,7 +380,7 @@ ACTIONS: Final[tuple[Action, ...]] = (
     ),
     _row(
         "/navigate_through_poses", "NavigateThroughPoses", _through_poses, _through_feedback,
-        _task_result, "drive through poses to the last one",
+        _through_result, "drive through poses to the last one",
     ),
     _row(
         "/follow_waypoints", "FollowWaypoints", _waypoints, _waypoints_feedback,

@@ -28,6 +28,17 @@ _WAYPOINTS_GOAL = (
     "uint32 number_of_loops\nuint32 goal_index\ngeometry_msgs/PoseStamped[] poses\n---\n"
 )
 _WAYPOINTS_FEEDBACK = "---\nuint32 current_waypoint\n"
+_TO_POSE = "geometry_msgs/PoseStamped goal\ngeometry_msgs/PoseStamped start\n"
+_PLANNED = (
+    "string planner_id\nbool use_start\n---\nnav_msgs/Path path\n"
+    f"builtin_interfaces/Duration planning_time\n{_ERROR}---\n"
+)
+_ALONG = (
+    "nav_msgs/Path path\nstring controller_id\nstring goal_checker_id\nstring progress_checker_id\n"
+)
+_THROUGH = (
+    f"nav_msgs/Goals poses\nstring behavior_tree\n---\n{_ERROR}{_STATUSES}---\n{_TASK_FEEDBACK}"
+)
 _RESULT = "Result result\n"
 _SPAWNABLE = "string description\nBounds spawn_bounds\n"
 _UNSUPPORTED = "bool fail_on_unsupported_element\nbool ignore_missing_or_unsupported_assets\n"
@@ -63,17 +74,13 @@ KILTED: Final[dict[str, str]] = {
     f"geometry_msgs/PoseStamped waypoint_pose\n{_ERROR}",
     "nav2_msgs/action/NavigateToPose": "geometry_msgs/PoseStamped pose\nstring behavior_tree\n"
     f"---\n{_ERROR}---\n{_TASK_FEEDBACK}",
-    "nav2_msgs/action/NavigateThroughPoses": f"nav_msgs/Goals poses\nstring behavior_tree\n---\n"
-    f"{_ERROR}{_STATUSES}---\n{_TASK_FEEDBACK}{_REMAINING}{_STATUSES}",
+    "nav2_msgs/action/NavigateThroughPoses": f"{_THROUGH}{_REMAINING}{_STATUSES}",
     "nav_msgs/msg/Goals": "std_msgs/Header header\ngeometry_msgs/PoseStamped[] goals\n",
     "nav2_msgs/action/FollowWaypoints": f"{_WAYPOINTS_GOAL}WaypointStatus[] missed_waypoints\n"
     f"{_ERROR}{_WAYPOINTS_FEEDBACK}",
-    "nav2_msgs/action/ComputePathToPose": "geometry_msgs/PoseStamped goal\n"
-    "geometry_msgs/PoseStamped start\nstring planner_id\nbool use_start\n---\n"
-    f"nav_msgs/Path path\nbuiltin_interfaces/Duration planning_time\n{_ERROR}---\n",
-    "nav2_msgs/action/FollowPath": "nav_msgs/Path path\nstring controller_id\n"
-    "string goal_checker_id\nstring progress_checker_id\n---\n"
-    f"std_msgs/Empty result\n{_ERROR}---\nfloat32 distance_to_goal\nfloat32 speed\n",
+    "nav2_msgs/action/ComputePathToPose": f"{_TO_POSE}{_PLANNED}",
+    "nav2_msgs/action/FollowPath": f"{_ALONG}---\nstd_msgs/Empty result\n{_ERROR}---\n"
+    "float32 distance_to_goal\nfloat32 speed\n",
     "nav2_msgs/action/Spin": f"{_SPIN_GOAL}{_UNCHECKED}{_SPIN_END}",
     "nav2_msgs/action/BackUp": f"{_STRAIGHT_GOAL}{_UNCHECKED}{_STRAIGHT_END}",
     "nav2_msgs/action/DriveOnHeading": f"{_STRAIGHT_GOAL}{_UNCHECKED}{_STRAIGHT_END}",
@@ -158,6 +165,14 @@ _CLEARED = "---\nbool success\n"
 LYRICAL: Final[dict[str, str]] = {
     **KILTED,
     "nav2_msgs/action/NavigateToPose": KILTED["nav2_msgs/action/NavigateToPose"] + _TRACKING,
+    "nav2_msgs/action/NavigateThroughPoses": f"{_THROUGH}{_TRACKING}{_REMAINING}{_STATUSES}",
+    "nav2_msgs/action/ComputePathToPose": f"{_TO_POSE}geometry_msgs/PoseStamped[] viapoints\n"
+    f"{_PLANNED}",
+    "nav2_msgs/msg/TrackingFeedback": f"std_msgs/Header header\n{_TRACKING}"
+    "uint32 current_path_index\ngeometry_msgs/PoseStamped robot_pose\n"
+    "float32 distance_to_goal\nfloat32 speed\nfloat32 remaining_path_length\n",
+    "nav2_msgs/action/FollowPath": f"{_ALONG}string path_handler_id\n---\n"
+    f"std_msgs/Empty result\n{_ERROR}---\nTrackingFeedback tracking_feedback\n",
     "nav2_msgs/srv/ClearEntireCostmap": f"string[] plugins\n{_CLEARED}",
     "simulation_interfaces/srv/LoadWorld": f"Resource world_resource\n{_UNSUPPORTED}---\n"
     f"{_RESULT}WorldResource world\n",

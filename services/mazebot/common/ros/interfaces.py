@@ -20,8 +20,8 @@ from mazebot.common.ros.own_services import own_definitions
 DEFAULT_DISTRO = "jazzy"
 
 
-class Versioned(list[Mapping[str, Any]]):
-    """Values of messages whose fields differ by distribution: those are left out that a version
+class Versioned(dict[str, Any]):
+    """Values of a message whose fields differ by distribution: those are left out that a version
     does not have.
     """
 
@@ -160,6 +160,8 @@ def _made(type_name: str, values: Any) -> Any:
     if not isinstance(values, Mapping):
         return values
     fields = msg.TYPESTORE.fielddefs[type_name][1]
+    if isinstance(values, Versioned):
+        values = {name: values[name] for name, _ in fields if name in values}
     unknown = values.keys() - {name for name, _ in fields}
     if unknown:
         raise wire.WireError("wrong type", f"{type_name}: no field {', '.join(sorted(unknown))}")
@@ -179,9 +181,6 @@ def _value(kind: Nodetype, what: Any, value: Any) -> Any:
         return value
     item_kind, item = what[0]
     if item_kind is Nodetype.NAME:
-        if isinstance(value, Versioned):
-            known = {name for name, _ in msg.TYPESTORE.fielddefs[item][1]}
-            value = [{key: each[key] for key in each.keys() & known} for each in value]
         return [_made(item, each) for each in value]
     return list(value) if item[0] == "string" else np.ascontiguousarray(value, np.dtype(item[0]))
 

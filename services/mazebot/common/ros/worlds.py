@@ -101,7 +101,7 @@ def _spawnables(request: Any, _: Node) -> Steps:
         return result(OPERATION_FAILED, reply.error)
     uris = [f"model://{name}" for name in reply.names]
     return {
-        "spawnables": Versioned({"uri": uri, "entity_resource": {"uri": uri}} for uri in uris),
+        "spawnables": [Versioned(uri=uri, entity_resource={"uri": uri}) for uri in uris],
         **result(),
     }
 

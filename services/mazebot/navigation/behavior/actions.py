@@ -190,6 +190,7 @@ class TaskFeedback:
     number_of_recoveries: int = 0
     position_tracking_error_m: float = 0.0
     heading_tracking_error_rad: float = 0.0
+    current_path_index: int = 0
     number_of_poses_remaining: int = 0
     waypoint_statuses: Statuses = ()
     current_waypoint: int = 0

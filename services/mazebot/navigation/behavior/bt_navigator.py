@@ -28,6 +28,7 @@ from mazebot.navigation.behavior.docking.docking import DockingParams
 from mazebot.navigation.behavior.engine.tree import BehaviorTree, Ending, NodeSnapshot
 from mazebot.navigation.behavior.motions.motion import BehaviorServerParams
 from mazebot.navigation.behavior.nodes.node_kinds import is_own
+from mazebot.navigation.behavior.nodes.nodes_goals import WaypointState, settled
 from mazebot.navigation.behavior.nodes.xml_loader import (
     DEFAULT_NAV_THROUGH_POSES,
     DEFAULT_NAV_TO_POSE,
@@ -376,6 +377,8 @@ class BtNavigator:
             name = code_name(running.request.action, ending.code)
             _LOG.error("Goal failed with error %d (%s): %s", ending.code, name, ending.message)
         feedback = running.task.feedback(0.0)
+        succeeded = status is TaskStatus.SUCCEEDED
+        left = WaypointState.COMPLETED if succeeded else WaypointState.FAILED
         return TaskResult(
             running.request,
             status,
@@ -384,7 +387,7 @@ class BtNavigator:
             running.start_ns,
             now_ns,
             feedback.number_of_recoveries,
-            running.task.statuses(),
+            settled(running.task.statuses(), left),
             feedback.num_retries,
         )
 

@@ -51,6 +51,9 @@ class TrackingFeedback:
     position_tracking_error_m: float = 0.0
     """Distance from the path; positive: the robot is left of it."""
     heading_tracking_error_rad: float = 0.0
+    """From the robot's heading to that of the path; positive: the robot is turned to the right."""
+    current_path_index: int = 0
+    """Of the point of the path nearest to the robot."""
 
 
 @dataclass(frozen=True, slots=True)

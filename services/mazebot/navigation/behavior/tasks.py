@@ -30,12 +30,7 @@ from mazebot.navigation.behavior.engine.tree import (
 from mazebot.navigation.behavior.motions.motion import BehaviorServerParams
 from mazebot.navigation.behavior.nodes.goals import GOAL, GOALS, PATH, REQUESTED, WAYPOINT_STATUSES
 from mazebot.navigation.behavior.nodes.node_kinds import NODE_KINDS
-from mazebot.navigation.behavior.nodes.nodes_goals import (
-    Statuses,
-    WaypointState,
-    WaypointStatus,
-    marked,
-)
+from mazebot.navigation.behavior.nodes.nodes_goals import Statuses, WaypointStatus
 from mazebot.navigation.behavior.nodes.path_parts import length_left_m
 from mazebot.navigation.behavior.nodes.xml_loader import TreeFile, read_tree
 from mazebot.navigation.errors import NavigationError
@@ -162,7 +157,6 @@ class TreeTask:
             unplanned, self._unplanned_since = self._unplanned_since, None
             if unplanned == run.plans:
                 return None
-            self._complete_statuses()
             return Ending(0, "")
         cause = run.cause()
         if cause is None:
@@ -201,6 +195,7 @@ class TreeTask:
             run.number_of_recoveries,
             tracking.position_tracking_error_m if tracking else 0.0,
             tracking.heading_tracking_error_rad if tracking else 0.0,
+            tracking.current_path_index if tracking else 0,
             len(goals) if isinstance(goals, tuple) else 0,
             self.statuses(),
             motion=run.running_motion.feedback if run.running_motion else 0.0,
@@ -219,13 +214,6 @@ class TreeTask:
             return ()
         statuses = self.tree.blackboard.get(WAYPOINT_STATUSES)
         return statuses if isinstance(statuses, tuple) else ()
-
-    def _complete_statuses(self) -> None:
-        statuses = self.statuses()
-        for index, one in enumerate(statuses):
-            if one.waypoint_status is WaypointState.PENDING:
-                statuses = marked(statuses, index, WaypointState.COMPLETED)
-        self.tree.blackboard.set(WAYPOINT_STATUSES, statuses)
 
     def _follow_speed(self) -> None:
         """Mean speed over the last seconds of driving; while the robot stands it stays."""

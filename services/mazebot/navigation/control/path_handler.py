@@ -78,32 +78,10 @@ class PathHandler:
 
     def local(self, path: PlannedPath, pose: SE2, spacing_m: float) -> LocalPath:
         """The path from the robot on, at most `prune_distance` of it."""
-        first_m = _foot_m(path, self.index, pose)
+        first_m = path.foot(self.index, pose.x_m, pose.y_m).along_m
         remaining_m = max(path.length_m - first_m, 0.0)
         length_m = min(remaining_m, self._params.prune_distance)
         count = max(1, round(length_m / spacing_m))
         points_m = even_points(path.points_m, path.along_m, first_m, length_m, count)
         step_m = max(length_m / count, 1e-6)
         return LocalPath(points_m, step_m, remaining_m, length_m >= remaining_m)
-
-
-def _foot_m(path: PlannedPath, index: int, pose: SE2) -> float:
-    """Length along the path up to the foot of the robot's position on the two segments about the
-    nearest point.
-    """
-    best_m, best_square = float(path.along_m[index]), float("inf")
-    for i in (index - 1, index):
-        if not 0 <= i < len(path.points_m) - 1:
-            continue
-        (ax, ay), (bx, by) = path.points_m[i].tolist(), path.points_m[i + 1].tolist()
-        dx, dy = bx - ax, by - ay
-        square = dx * dx + dy * dy
-        ratio = 0.0 if square < 1e-18 else ((pose.x_m - ax) * dx + (pose.y_m - ay) * dy) / square
-        ratio = min(max(ratio, 0.0), 1.0)
-        off_x, off_y = pose.x_m - ax - ratio * dx, pose.y_m - ay - ratio * dy
-        off_square = off_x * off_x + off_y * off_y
-        if off_square < best_square:
-            along_m = path.along_m[i : i + 2]
-            best_m = float(along_m[0]) + ratio * float(along_m[1] - along_m[0])
-            best_square = off_square
-    return best_m

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +12,15 @@ from numpy.typing import NDArray
 from mazebot.common.maths import portable, portable_kernels
 from mazebot.common.maths.frames import SE2, Array
 from mazebot.common.maths.kernels import kernel
+
+
+class Foot(NamedTuple):
+    """The place of a path that is nearest to a position."""
+
+    along_m: float
+    """Length of the path up to it."""
+    off_m: float
+    """From there to the position; positive: to the left of the path's direction."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +63,26 @@ class PlannedPath:
         path.
         """
         return int(_nearest(self.points_m, self.along_m, x_m, y_m, first, window_m))
+
+    def foot(self, index: int, x_m: float, y_m: float) -> Foot:
+        """On the two pieces of the path about the point nearest to a position."""
+        best_m, best_square, side = float(self.along_m[index]), math.inf, 1.0
+        for i in (index - 1, index):
+            if not 0 <= i < len(self.points_m) - 1:
+                continue
+            (ax, ay), (bx, by) = self.points_m[i].tolist(), self.points_m[i + 1].tolist()
+            dx, dy = bx - ax, by - ay
+            square = dx * dx + dy * dy
+            ratio = 0.0 if square < 1e-18 else ((x_m - ax) * dx + (y_m - ay) * dy) / square
+            ratio = min(max(ratio, 0.0), 1.0)
+            off_x, off_y = x_m - ax - ratio * dx, y_m - ay - ratio * dy
+            off_square = off_x * off_x + off_y * off_y
+            if off_square < best_square:
+                along_m = self.along_m[i : i + 2]
+                best_m = float(along_m[0]) + ratio * float(along_m[1] - along_m[0])
+                best_square = off_square
+                side = dx * off_y - dy * off_x
+        return Foot(best_m, math.copysign(math.sqrt(best_square), side))
 
     def point_at(self, along_m: float) -> tuple[float, float]:
         """The point at a length along the path; beyond its ends the end points."""

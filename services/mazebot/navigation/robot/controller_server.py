@@ -7,9 +7,9 @@ from collections.abc import Mapping
 
 from pydantic import Field
 
-from mazebot.common.maths.frames import SE2
+from mazebot.common.maths.frames import SE2, wrap_angle
 from mazebot.common.messages.error_codes import ErrorCode
-from mazebot.navigation.behavior.context import FollowRequest
+from mazebot.navigation.behavior.context import FollowRequest, TrackingFeedback
 from mazebot.navigation.behavior.nodes.path_parts import nearest_index, piece
 from mazebot.navigation.control.collision import Surroundings, Velocity
 from mazebot.navigation.control.controller import Control, Controller, ControllerParams, RobotLimits
@@ -23,6 +23,10 @@ from mazebot.navigation.robot.view import View
 
 _NAV2_DEFAULTS = ("", "FollowPath")
 """What Nav2's trees and parameter files call their controller: here, the configured one."""
+_SEARCH_M = 1.0
+"""The nearest point of the path is looked for within this length of it from the last one, as by
+Nav2's max_robot_pose_search_dist.
+"""
 _GIVES_WAY_M = 1.2
 _GIVES_WAY_M_S = 0.1
 _GIVES_WAY_NS = 15_000_000_000
@@ -79,6 +83,8 @@ class ControllerServer:
         self.controller = controllers[params.controller]
         """The one that was used last."""
         self.followed: PlannedPath | None = None
+        self.nearest = 0
+        """Index of the point of that path nearest to the robot."""
         self._progress = ProgressChecker(params.progress_checker)
         self._stuck = StuckDetector(params.stuck_detector)
         self._blocked_since_ns: int | None = None
@@ -117,7 +123,7 @@ class ControllerServer:
         self.controller = controller
         self.followed = request.path
         # A path that is kept began further back.
-        first = nearest_index(request.path, pose)
+        first = self.nearest = nearest_index(request.path, pose)
         rest = piece(request.path, first, len(request.path.points_m))
         controller.set_path(rest, same_goal=continues)
         return is_new
@@ -160,6 +166,20 @@ class ControllerServer:
             self.stuck_towards = made.velocity
             raise NavigationError(ErrorCode.FAILED_TO_MAKE_PROGRESS, f"{stuck.text} {where}")
         return made
+
+    def tracking(self, made: Control, pose: SE2) -> TrackingFeedback:
+        """How the robot follows the path, with what the controller made there."""
+        path = self.followed
+        if path is None:
+            return TrackingFeedback(made.reached, made.distance_remaining_m)
+        self.nearest = path.nearest(pose.x_m, pose.y_m, self.nearest, _SEARCH_M)
+        return TrackingFeedback(
+            made.reached,
+            made.distance_remaining_m,
+            path.foot(self.nearest, pose.x_m, pose.y_m).off_m,
+            wrap_angle(float(path.yaws_rad[self.nearest]) - pose.yaw_rad),
+            self.nearest,
+        )
 
     def reconfigure(
         self, params: ControllerServerParams, controllers: Mapping[str, Controller]

@@ -177,9 +177,10 @@ class RobotContext:
     def control(self, now_ns: int) -> TrackingFeedback:
         """See NavigationContext."""
         self.gaps.look(self._view(), self.controller_server.followed)
-        made = self.controller_server.control(now_ns, self._view(), self.around())
+        around = self.around()
+        made = self.controller_server.control(now_ns, self._view(), around)
         self.command, self.controlled = made.velocity, True
-        return TrackingFeedback(made.reached, made.distance_remaining_m)
+        return self.controller_server.tracking(made, around.map_from_base)
 
     def drive(self, velocity: Velocity) -> None:
         """See NavigationContext."""

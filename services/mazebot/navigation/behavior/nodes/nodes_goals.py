@@ -43,6 +43,15 @@ def marked(statuses: Statuses, index: int, state: WaypointState) -> Statuses:
     )
 
 
+def settled(statuses: Statuses, state: WaypointState) -> Statuses:
+    """The statuses of a task that has ended: what was pending is in this state."""
+    pending = WaypointState.PENDING
+    return tuple(
+        replace(one, waypoint_status=state) if one.waypoint_status is pending else one
+        for one in statuses
+    )
+
+
 class _GoalsNode(Node):
     def statuses(self) -> Statuses:
         """The statuses on the blackboard."""
