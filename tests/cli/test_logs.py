@@ -64,6 +64,16 @@ def refused(path: Path) -> str:
     return str(error.value)
 
 
+@pytest.mark.parametrize("end", ["\r\n", "\r"])
+def test_lines_may_end_as_on_other_systems(tmp_path: Path, end: str) -> None:
+    path = written(tmp_path, *(flaser(float(i), SE2(0.1 * i, 0.0, 0.0)) for i in range(5)))
+    log = read(path)
+    path.write_text(path.read_text(), newline=end)
+    again = read(path)
+    assert [one.stamp_ns for one in again.entries] == [one.stamp_ns for one in log.entries]
+    assert len(scans(again)) == 5
+
+
 class TestCarmen:
     def test_a_log_with_all_kinds_of_lines(self, tmp_path: Path) -> None:
         pose = SE2(1.0, 2.0, 0.5)

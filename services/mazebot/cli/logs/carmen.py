@@ -93,7 +93,7 @@ def read(path: Path, lines: Iterable[str], form: ScanForm) -> Log:
         if damage is not None:
             raise damage
         try:
-            _add(found, where, words, whole=line.endswith("\n"))
+            _add(found, where, words, whole=line.endswith(("\n", "\r")))
         except ConfigError as error:
             damage = error
     kind = next((kind for kind in _SCANS if found.sweeps[kind]), None)

@@ -83,7 +83,9 @@ def _lines(path: Path, file: IO[bytes], most: int | None) -> Iterator[str]:
                 )
             if most is not None and size > most:
                 raise ConfigError(f"--log: {path}: must unpack to at most {most} bytes")
-            yield line.decode("utf-8", "replace")
+            # Also those that end with a carriage return alone.
+            for one in line.splitlines(keepends=True):
+                yield one.decode("utf-8", "replace")
     except EOFError as error:
         raise ConfigError(f"--log: {path}: is a truncated gzip file") from error
     except (OSError, zlib.error) as error:
