@@ -133,6 +133,13 @@ def test_what_is_wrong_in_the_graph_is_told(tokens: list[str], text: str) -> Non
     assert all("\n" not in each for each in wrong)
 
 
+@pytest.mark.parametrize("form", ["kilted", "lyrical"])
+def test_clients_of_either_version_of_simulation_interfaces_fit(form: str) -> None:
+    kind = "simulation_interfaces/srv/SpawnEntity"
+    client = end(HERE, "/spawn_entity", kind, "n", "SC", interfaces(form).hash_of(kind))
+    assert not of([*stack(HERE), client]).wrong
+
+
 @pytest.mark.parametrize(
     ("environment", "text"),
     [

@@ -28,7 +28,7 @@ from mazebot.common.messages.keys import (
 from mazebot.common.messages.topics import CMD_VEL, EDGE, PARAMETER_EVENTS, SERVICES, TOPICS
 from mazebot.common.ros.actions import ACTIONS
 from mazebot.common.ros.definitions import DISTROS
-from mazebot.common.ros.interfaces import interfaces
+from mazebot.common.ros.interfaces import interfaces, served_as
 from mazebot.common.ros.table import ROS_SERVICES
 
 RMW = "rmw_zenoh_cpp"
@@ -231,32 +231,28 @@ def _wrong_types(foreign: Iterable[Endpoint], keys: Keys) -> list[str]:
             if misfit:
                 wrong.append(f"{end.name} of {end.node} {fate}: {misfit}")
         elif end.kind in (CLIENT, SERVICE) and end.name in services:
-            kind, wanted = services[end.name]
+            kind = services[end.name]
+            answered = [types.hash_of(kind) for types in served_as(kind, keys.distro)]
             if end.type_name != kind:
                 wrong.append(f"{end.name} of {end.node}: {end.type_name}: must be {kind}")
-            elif end.type_hash != wanted:
+            elif end.type_hash not in answered:
                 fits = [one for one in DISTROS if interfaces(one).hash_of(kind) == end.type_hash]
                 hint = f": must be bus.distro={fits[0]}" if fits else ""
                 wrong.append(
                     f"{end.name} of {end.node}: {kind} with the hash {end.type_hash}: the stack "
-                    f"has {wanted}, that of {keys.distro}{hint}"
+                    f"has {answered[0]}, that of {keys.distro}{hint}"
                 )
     return wrong
 
 
-def _types_of_services(keys: Keys) -> dict[str, tuple[str, str]]:
-    """By name with its namespace: the type of each service, those of actions among them, and its
-    hash.
-    """
+def _types_of_services(keys: Keys) -> dict[str, str]:
+    """By name with its namespace: the type of each service, those of actions among them."""
     found = {service.name: service.type for service in ROS_SERVICES}
     for action in ACTIONS:
         base = f"{action.name}/_action"
         found[f"{base}/send_goal"] = f"{action.type}_SendGoal"
         found[f"{base}/get_result"] = f"{action.type}_GetResult"
-    types = interfaces(keys.distro)
-    return {
-        f"{_namespace(keys)}{name}": (kind, types.hash_of(kind)) for name, kind in found.items()
-    }
+    return {f"{_namespace(keys)}{name}": kind for name, kind in found.items()}
 
 
 def _rivals(endpoints: Iterable[Endpoint], ours: set[str], keys: Keys) -> list[str]:

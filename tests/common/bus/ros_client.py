@@ -25,9 +25,10 @@ def ask(
     payload: bytes,
     attachment: bytes | None,
     keys: Keys = DEFAULT_KEYS,
+    form: str = "",
 ) -> zenoh.Sample:
-    """The one reply to a request. Raises RefusedError."""
-    key = keys.typed(name, type_name, interfaces(keys.distro).hash_of(type_name))
+    """The one reply to a request, in the form of a distribution. Raises RefusedError."""
+    key = keys.typed(name, type_name, interfaces(form or keys.distro).hash_of(type_name))
     (reply,) = session.get(
         key, payload=payload, attachment=attachment, timeout=20.0,
         target=zenoh.QueryTarget.ALL_COMPLETE,
@@ -45,12 +46,13 @@ def call(
     values: Mapping[str, Any] | None = None,
     keys: Keys = DEFAULT_KEYS,
     sequence: int = 7,
+    form: str = "",
 ) -> Any:
-    """The response to a request. Raises RefusedError."""
-    types = interfaces(keys.distro)
+    """The response to a request, in the form of a distribution. Raises RefusedError."""
+    types = interfaces(form or keys.distro)
     payload = types.encode(f"{type_name}_Request", values or {})
     attachment = struct.pack("<qqB16s", sequence, 0, 16, GID)
-    sample = ask(session, name, type_name, payload, attachment, keys)
+    sample = ask(session, name, type_name, payload, attachment, keys, form)
     assert sample.attachment is not None
     got, _, length, gid = struct.unpack("<qqB16s", sample.attachment.to_bytes())
     assert (got, length, gid) == (sequence, 16, GID)

@@ -14,10 +14,12 @@ from mazebot.bench.parts.loopback_router import running_router
 from mazebot.common.bus.config import BusConfig
 from mazebot.common.bus.session import open_session
 from mazebot.common.config import ServiceConfig
+from mazebot.common.messages import action_documents as act
 from mazebot.common.messages import documents as doc
 from mazebot.common.messages.keys import Keys
 from mazebot.common.messages.topics import (
     GET_ENTITIES,
+    GET_MODELS,
     SIMULATION_CONTROL,
     SPAWN_ENTITY,
     asked_of,
@@ -89,6 +91,26 @@ def test_a_service_is_answered_by_the_query_of_its_node(
     # What is asked twice is not an error of the wire but an answer.
     assert call(session, "/set_simulation_state", SET, wanted, keys).result.result == 101
     assert call(session, "/get_simulation_state", GET, keys=keys).state.state == PAUSED
+
+
+class Models(Node):
+    """Tells of one model."""
+
+    name = "worldgen"
+    _config = ServiceConfig()
+
+    def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
+        for request in inbox.requests(GET_MODELS):
+            request.respond(act.GetModelsReply(names=("table",)))
+
+
+@pytest.mark.parametrize("distro", ["jazzy", "lyrical"])
+def test_both_versions_of_simulation_interfaces_are_answered(distro: str, started: Start) -> None:
+    _, session, keys = started(Models(), distro=distro)
+    name, kind = "/get_spawnables", "simulation_interfaces/srv/GetSpawnables"
+    (old,) = call(session, name, kind, keys=keys, form="kilted").spawnables
+    (new,) = call(session, name, kind, keys=keys, form="lyrical").spawnables
+    assert old.uri == new.entity_resource.uri == "model://table"
 
 
 def test_what_is_no_request_is_refused_and_counted(started: Start) -> None:

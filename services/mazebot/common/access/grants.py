@@ -26,7 +26,7 @@ from mazebot.common.messages.topics import (
     read_by,
 )
 from mazebot.common.ros.actions import ACTIONS, actions_of
-from mazebot.common.ros.interfaces import interfaces
+from mazebot.common.ros.interfaces import served_as
 from mazebot.common.ros.table import ROS_SERVICES, services_of
 
 ROUTER: Final = "router"
@@ -148,7 +148,8 @@ def _of_people(role: str, keys: Keys, operator_sees_truth: bool) -> Iterator[Gra
             yield from _subscribes(topic, keys, role)
     for name, type_name in _action_topics(None, keys):
         why = f"topic {name}: {role} reads it"
-        yield from _advanced_subscriber(_typed(name, type_name, keys), why)
+        for key in keys_of(name, type_name, keys):
+            yield from _advanced_subscriber(key, why)
     stands_in_for = STANDS_IN_FOR.get(role, ())
     for owner in (*((EDGE,) if role in _COMMANDS else ()), *stands_in_for):
         for topic in owned_by(owner):
@@ -165,8 +166,8 @@ def _of_people(role: str, keys: Keys, operator_sees_truth: bool) -> Iterator[Gra
             yield Grant(Verb.QUERY, keys.of_query(query), f"query {query.name}: {role} asks it")
     for name, type_name in _service_types(None, keys):
         if role in _COMMANDS or _only_reads(name, type_name):
-            key = _typed(name, type_name, keys)
-            yield Grant(Verb.QUERY, key, f"service {name}: {role} calls it")
+            for key in keys_of(name, type_name, keys):
+                yield Grant(Verb.QUERY, key, f"service {name}: {role} calls it")
     for kind in ("NN", "MS", "SC"):
         key = f"{_GRAPH}/{keys.domain_id}/*/*/*/{kind}/**"
         yield Grant(Verb.DECLARE_TOKEN, key, "nodes of people stand in ROS 2's graph")
@@ -220,11 +221,12 @@ def _answers(service: str, keys: Keys, who: str) -> Iterator[Grant]:
     for query in asked_of(service):
         yield Grant(Verb.ANSWER, keys.of_query(query), f"query {query.name}: {who} answers it")
     for name, type_name in _service_types(service, keys):
-        key = _typed(name, type_name, keys)
-        yield Grant(Verb.ANSWER, key, f"service {name}: {who} answers it")
+        for key in keys_of(name, type_name, keys):
+            yield Grant(Verb.ANSWER, key, f"service {name}: {who} answers it")
     for name, type_name in _action_topics(service, keys):
         why = f"topic {name}: {who} publishes it"
-        yield from _advanced_publisher(_typed(name, type_name, keys), why)
+        for key in keys_of(name, type_name, keys):
+            yield from _advanced_publisher(key, why)
 
 
 def _service_types(node: str | None, keys: Keys) -> Iterator[tuple[str, str]]:
@@ -268,5 +270,9 @@ def _topic_keys(topic: Topic[object], keys: Keys) -> list[str]:
     return list(dict.fromkeys(keys.of_topic(topic, kind) for kind in types_of(topic)))
 
 
-def _typed(name: str, type_name: str, keys: Keys) -> str:
-    return keys.typed(name, type_name, interfaces(keys.distro).hash_of(type_name))
+def keys_of(name: str, type_name: str, keys: Keys) -> list[str]:
+    """Of a service of ROS 2, in each form in which it is answered, or of a topic of an action."""
+    return [
+        keys.typed(name, type_name, types.hash_of(type_name))
+        for types in served_as(type_name, keys.distro)
+    ]

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-from mazebot.common.access.grants import PEOPLE, ROLES, ROUTER, Verb, grants_of
+from mazebot.common.access.grants import PEOPLE, ROLES, ROUTER, Verb, grants_of, keys_of
 from mazebot.common.access.rules import decide
 from mazebot.common.messages.keys import Keys, types_of
 from mazebot.common.messages.topics import QUERIES, SERVICES, TOPICS
 from mazebot.common.ros.actions import ACTIONS
-from mazebot.common.ros.interfaces import interfaces
 from mazebot.common.ros.table import ROS_SERVICES
 
 _EVERYONE = {role for role in ROLES if role != ROUTER}
@@ -47,8 +46,7 @@ def named(keys: Keys) -> list[Named]:
             topics |= action.topics
         for types, is_topic in ((services, False), (topics, True)):
             for name, kind in types.items():
-                key = keys.typed(name, kind, interfaces(keys.distro).hash_of(kind))
-                found.append(Named(name, (key,), is_topic))
+                found.append(Named(name, tuple(keys_of(name, kind, keys)), is_topic))
     return found
 
 

@@ -185,3 +185,5 @@ LYRICAL: Final[dict[str, str]] = {
 }  # fmt: skip
 
 DISTROS: Final = {"jazzy": JAZZY, "kilted": KILTED, "lyrical": LYRICAL}
+OTHER_SIMULATION: Final = {"jazzy": "lyrical", "kilted": "lyrical", "lyrical": "kilted"}
+"""A distribution with the other version of simulation_interfaces: 2.x for 1.x, and 1.x for 2.x."""

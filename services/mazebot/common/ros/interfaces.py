@@ -14,7 +14,7 @@ from rosbags.interfaces import Nodetype
 from mazebot.common.messages import cdr, wire
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.type_hash import definitions_of, hash_by_messages, messages_of
-from mazebot.common.ros.definitions import DISTROS
+from mazebot.common.ros.definitions import DISTROS, OTHER_SIMULATION
 from mazebot.common.ros.own_services import own_definitions
 
 DEFAULT_DISTRO = "jazzy"
@@ -204,3 +204,16 @@ def _zero(kind: Nodetype, what: Any) -> Any:
 def interfaces(distro: str = DEFAULT_DISTRO) -> Interfaces:
     """Those of a distribution, made once."""
     return Interfaces(distro)
+
+
+def served_as(service_type: str, distro: str) -> tuple[Interfaces, ...]:
+    """The forms in which a service is answered: that of the distribution, and of
+    simulation_interfaces, which people also build from its sources, that of the other version where
+    it is another type.
+    """
+    of_distro = interfaces(distro)
+    if service_type.startswith("simulation_interfaces/srv/"):
+        other = interfaces(OTHER_SIMULATION[distro])
+        if other.hash_of(service_type) != of_distro.hash_of(service_type):
+            return of_distro, other
+    return (of_distro,)

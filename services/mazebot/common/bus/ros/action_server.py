@@ -79,7 +79,9 @@ class ActionServer:
         services = zip(self._action.services.items(), handlers, strict=True)
         topics = zip(self._action.topics.items(), (RELIABLE_QOS, LATCHED_QOS), strict=True)
         kept: list[Any] = [
-            declare_service(session, self._keys, graph, name, type_name, handle, self._refused)
+            declare_service(
+                session, self._keys, graph, name, self._types, type_name, handle, self._refused
+            )
             for (name, type_name), handle in services
         ]
         kept += [

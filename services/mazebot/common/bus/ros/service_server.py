@@ -17,7 +17,7 @@ from mazebot.common.messages.keys import RELIABLE_QOS, SERVICE, Keys
 from mazebot.common.messages.topics import Query
 from mazebot.common.node.node import Inbox, Node
 from mazebot.common.ros.call import Response, Service
-from mazebot.common.ros.interfaces import Interfaces, interfaces
+from mazebot.common.ros.interfaces import Interfaces, served_as
 
 _ANOTHER_S = 20.0
 """For the reply of another service: it may have a large file to read."""
@@ -31,6 +31,7 @@ def declare_service(
     keys: Keys,
     graph: GraphNode,
     name: str,
+    types: Interfaces,
     type_name: str,
     handle: Callable[[Any, Respond, Refuse], None],
     refused: Callable[[str], None],
@@ -41,7 +42,6 @@ def declare_service(
     thread. It runs on Zenoh's thread. `refused` gets the short reason of each request that was not
     answered; its sender gets an error, as rmw_zenoh's clients expect.
     """
-    types = interfaces(keys.distro)
     type_hash = types.hash_of(type_name)
 
     def on_query(query: zenoh.Query) -> None:
@@ -114,10 +114,11 @@ class ServiceServer:
         self._log = logging.getLogger(node.name)
         self._kept = [
             declare_service(
-                session, keys, graph, service.name, service.type, self._handler(service),
+                session, keys, graph, service.name, types, service.type, self._handler(service),
                 lambda reason, name=service.name: inbox.refuse(name, reason),  # type: ignore[misc]
             )
             for service in services
+            for types in served_as(service.type, keys.distro)
         ]  # fmt: skip
 
     def _handler(self, service: Service) -> Callable[[Any, Respond, Refuse], None]:
