@@ -454,6 +454,25 @@ def test_a_goal_that_navigation_forgot_is_sent_again(stage: Stage) -> None:
     assert len(stage.goals()) == 3
 
 
+@pytest.mark.parametrize("by", ["goal", "state"])
+def test_the_tour_gives_way_to_a_new_goal_and_goes_on_after_it(stage: Stage, by: str) -> None:
+    stage.bring_up()
+    stage.answer(error_code=9010)
+    theirs = {"goal": doc.Planar(x_m=3, y_m=2, yaw_rad=0), "state": "controlling"}
+    for _ in range(100):
+        stage.say(table.NAVIGATION_STATUS, ACTIVE.model_copy(update={by: theirs[by]}))
+        stage.step()
+    assert len(stage.goals()) == 1
+    stage.say(table.NAVIGATION_STATUS, ACTIVE)
+    stage.step(15)
+    assert len(stage.goals()) == 1
+    stage.step(10)
+    stage.answer()
+    stage.answer()
+    places = [(goal.pose.position.x, goal.pose.position.y) for goal in stage.goals()]
+    assert places == [(1, 2), (1, 2), (0, 0)]
+
+
 def test_a_stack_that_never_becomes_active_is_given_up_with_the_culprits_named(
     caplog: pytest.LogCaptureFixture,
 ) -> None:

@@ -8,6 +8,7 @@ import pytest
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages import topics as table
+from mazebot.common.messages.error_codes import ErrorCode
 from mazebot.explorer.config import ExplorerConfig
 from mazebot.explorer.exploration import aim, survey
 from mazebot.explorer.floor import floor_from
@@ -112,6 +113,27 @@ def test_it_stops_and_goes_on_when_told_to() -> None:
     stage.say(table.EXPLORE_RESUME, msg.Bool(data=True))
     stage.run(120, "complete")
     assert stage.status.seen_share == 1.0
+
+
+def test_it_gives_way_to_a_new_goal_and_goes_on_after_it() -> None:
+    stage = Stage(TWO_ROOMS, HOME, CONFIG)
+    stage.run(10, "exploring")
+    for _ in range(15):
+        stage.step()
+    assert stage.goal is not None
+    theirs, own = HOME, stage.goal
+    stage.goal = (1, theirs)
+    stage.end(own, ErrorCode.PREEMPTED)
+    sent = len(stage.goals)
+    while stage.goal is not None:
+        stage.step()
+    there_ns = stage.now_ns
+    assert stage.robot.distance_m(theirs) < 0.2
+    assert len(stage.goals) == sent
+    stage.run(120, "complete")
+    assert stage.status.seen_share == 1.0
+    assert stage.status.set_aside == 0
+    assert stage.goals[sent][0] - there_ns > 1_500_000_000
 
 
 def test_it_begins_anew_with_the_simulation() -> None:

@@ -54,7 +54,10 @@ class BringupConfig(ServiceConfig):
         60.0, gt=0, description="simulation time within which the stack must become active"
     )
     resend_after_s: float = Field(
-        2.0, gt=0, description="simulation time after which a goal that navigation lost is resent"
+        2.0,
+        gt=0,
+        description="simulation time after which a goal is resent that navigation lost, or that "
+        "gave way to a new goal, when that has ended",
     )
     drive: bool = Field(
         True, description="drive the tour; false: end when the world runs, for others to drive in"

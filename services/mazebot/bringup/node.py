@@ -83,7 +83,7 @@ class BringupNode(Node):
         self._goals: list[tuple[str, Planar]] = []
         self._goal_index = 0
         self._goal_stamp_ns: int | None = None
-        self._goal_sign_ns = 0
+        self._busy_ns = 0
         self._active = dict.fromkeys(_MANAGERS, False)
         self._navigation = NavigationStatus(localization_active=False, navigation_active=False)
         self._waiting: dict[str, str] = {}
@@ -225,8 +225,8 @@ class BringupNode(Node):
                 continue
             self._restarted = False
             self._navigation = navigation
-            if navigation.goal is not None:
-                self._goal_sign_ns = now_ns
+            if navigation.goal is not None or navigation.state != "idle":
+                self._busy_ns = now_ns
         self._evaluation = inbox.latest(EVALUATION) or self._evaluation
         for exploration in inbox.new(EXPLORATION_STATUS):
             if self._request.explores and not self._restarted:
@@ -299,6 +299,10 @@ class BringupNode(Node):
             if result.error_code == ErrorCode.WORLD_RESTARTED:
                 # Navigation has lost the goal; it is sent again.
                 continue
+            if result.error_code == ErrorCode.PREEMPTED:
+                _LOG.info("%s: a new goal comes first: the tour goes on when it has ended", name)
+                self._busy_ns = now_ns
+                continue
             self._results.append(result)
             self._goal_index += 1
             self._goal_stamp_ns = None
@@ -309,7 +313,7 @@ class BringupNode(Node):
                 taken_s = result.end_time_s - result.start_time_s
                 _LOG.info("%s: reached after %.1f s", name, taken_s)
             return
-        idle_ns = now_ns - self._goal_sign_ns
+        idle_ns = now_ns - self._busy_ns
         lost = self._navigation.goal is None and idle_ns > self._config.resend_after_s * 1e9
         ready = self._navigation.localization_active and self._navigation.navigation_active
         if self._goal_stamp_ns is not None and not (lost and ready):
@@ -318,7 +322,7 @@ class BringupNode(Node):
         _LOG.info(
             "%s: driving to (%.2f, %.2f, %.2f)%s", name, goal.x_m, goal.y_m, goal.yaw_rad, again
         )
-        self._goal_stamp_ns = self._goal_sign_ns = now_ns
+        self._goal_stamp_ns = self._busy_ns = now_ns
         outbox.put(
             GOAL_POSE,
             msg.PoseStamped(

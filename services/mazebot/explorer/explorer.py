@@ -76,7 +76,9 @@ class Explorer:
         self._robot: SE2 | None = None
         self._sent: _Sent | None = None
         self._known_ns = 0
-        """When navigation last reported a goal."""
+        """When navigation was last busy."""
+        self._yields = False
+        """Whether a new goal, of somebody else, comes first."""
         self._aside = SetAside()
         self._looked_ns: int | None = None
         self._fresh = False
@@ -113,8 +115,8 @@ class Explorer:
                 self._furthest_m = max(self._furthest_m, map_from_base.distance_m(self._home))
             self._robot = map_from_base
 
-    def drives_to_goal(self, now_ns: int) -> None:
-        """Navigation reports that it has a goal."""
+    def navigation_is_busy(self, now_ns: int) -> None:
+        """Navigation reports that it has a goal, or does something else."""
         self._known_ns = now_ns
 
     def pause(self) -> None:
@@ -181,6 +183,11 @@ class Explorer:
             return None
         if self._begun_ns is None:
             self._begun_ns = self._told_ns = now_ns
+        if self._yields:
+            self._progress_ns = now_ns
+            if now_ns - self._known_ns < _RESEND_NS:
+                return None
+            self._yields, self._sent = False, None
         if self._due(now_ns):
             self._look(now_ns)
         if self.state == "returning":
@@ -343,6 +350,9 @@ class Explorer:
         sent = self._sent
         if sent is None or sent.stamp_ns != stamp_ns or self.state == "paused":
             return
+        if error_code == ErrorCode.PREEMPTED:
+            _LOG.info("a new goal comes first: the exploration goes on when it has ended")
+            self._yields, self._known_ns = True, now_ns
         if error_code in _NOT_OUR_FAULT:
             return
         if sent.aim is None:

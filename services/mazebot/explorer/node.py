@@ -127,8 +127,9 @@ class ExplorerNode(Node):
             self._reset()
         for status in inbox.new(NAVIGATION_STATUS):
             self._navigation = status
-            if self._explorer is not None and status.goal is not None:
-                self._explorer.drives_to_goal(now_ns)
+            is_busy = status.goal is not None or status.state != "idle"
+            if self._explorer is not None and is_busy:
+                self._explorer.navigation_is_busy(now_ns)
         self._take_map(now_ns, inbox)
         for pose in inbox.new(AMCL_POSE):
             stamp_ns = msg.ns_from_time(pose.header.stamp)

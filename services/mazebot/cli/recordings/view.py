@@ -15,6 +15,8 @@ from mazebot.common.recordings.catalog import LATEST, find_run
 from mazebot.common.recordings.run_folder import RECORDING, parts_of
 from mazebot.recorder.config import LayoutName
 
+_LOOK_S = 1.0
+
 
 def view_run(
     directory: Path, name: str, web_port: int, open_browser: bool, layout: LayoutName | None = None
@@ -44,8 +46,11 @@ def view_run(
         sys.stdout.write(f"{recording}: {status} (Ctrl-C to stop)\n")
         sys.stdout.flush()
         wait_quietly()
+        never = threading.Event()
         try:
-            threading.Event().wait()
+            # A Ctrl-C in the moment before a wait without an end begins would not end it.
+            while not never.wait(_LOOK_S):
+                pass
         finally:
             page.close()
 
