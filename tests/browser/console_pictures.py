@@ -33,8 +33,8 @@ PICTURES: dict[str, tuple[tuple[int, int], Scheme]] = {
 """Size in pixels and colour scheme."""
 _WAIT_MS = 120_000.0
 """For a page on a busy machine."""
-AT_S = 24.0
-"""Simulation time: trails are drawn, markers have been seen, a goal is under way."""
+AT_S = 25.1
+"""Simulation time: trails are drawn, a marker is in sight, a goal is under way."""
 
 
 def main() -> None:
