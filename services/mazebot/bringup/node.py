@@ -84,6 +84,7 @@ class BringupNode(Node):
         self._goal_index = 0
         self._goal_stamp_ns: int | None = None
         self._busy_ns = 0
+        """When navigation was last busy."""
         self._active = dict.fromkeys(_MANAGERS, False)
         self._navigation = NavigationStatus(localization_active=False, navigation_active=False)
         self._waiting: dict[str, str] = {}
@@ -225,7 +226,7 @@ class BringupNode(Node):
                 continue
             self._restarted = False
             self._navigation = navigation
-            if navigation.goal is not None or navigation.state != "idle":
+            if navigation.is_busy:
                 self._busy_ns = now_ns
         self._evaluation = inbox.latest(EVALUATION) or self._evaluation
         for exploration in inbox.new(EXPLORATION_STATUS):
@@ -314,7 +315,7 @@ class BringupNode(Node):
                 _LOG.info("%s: reached after %.1f s", name, taken_s)
             return
         idle_ns = now_ns - self._busy_ns
-        lost = self._navigation.goal is None and idle_ns > self._config.resend_after_s * 1e9
+        lost = not self._navigation.is_busy and idle_ns > self._config.resend_after_s * 1e9
         ready = self._navigation.localization_active and self._navigation.navigation_active
         if self._goal_stamp_ns is not None and not (lost and ready):
             return

@@ -75,7 +75,7 @@ class Explorer:
         """When the newest map came."""
         self._robot: SE2 | None = None
         self._sent: _Sent | None = None
-        self._known_ns = 0
+        self._busy_ns = 0
         """When navigation was last busy."""
         self._yields = False
         """Whether a new goal, of somebody else, comes first."""
@@ -117,7 +117,7 @@ class Explorer:
 
     def navigation_is_busy(self, now_ns: int) -> None:
         """Navigation reports that it has a goal, or does something else."""
-        self._known_ns = now_ns
+        self._busy_ns = now_ns
 
     def pause(self) -> None:
         """Stop, and stay."""
@@ -185,7 +185,7 @@ class Explorer:
             self._begun_ns = self._told_ns = now_ns
         if self._yields:
             self._progress_ns = now_ns
-            if now_ns - self._known_ns < _RESEND_NS:
+            if now_ns - self._busy_ns < _RESEND_NS:
                 return None
             self._yields, self._sent = False, None
         if self._due(now_ns):
@@ -336,7 +336,7 @@ class Explorer:
             if sent.pose.distance_m(pose) < _MOVED_M:
                 return None
         elif sent is not None and sent.pose.distance_m(pose) < _MOVED_M:
-            unknown_ns = now_ns - max(self._known_ns, sent.stamp_ns)
+            unknown_ns = now_ns - max(self._busy_ns, sent.stamp_ns)
             if (sent.aim is None) == (what_for is None) and unknown_ns < _RESEND_NS:
                 return None
         self._reached_ns = None
@@ -352,7 +352,7 @@ class Explorer:
             return
         if error_code == ErrorCode.PREEMPTED:
             _LOG.info("a new goal comes first: the exploration goes on when it has ended")
-            self._yields, self._known_ns = True, now_ns
+            self._yields, self._busy_ns = True, now_ns
         if error_code in _NOT_OUR_FAULT:
             return
         if sent.aim is None:

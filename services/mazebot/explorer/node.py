@@ -127,8 +127,7 @@ class ExplorerNode(Node):
             self._reset()
         for status in inbox.new(NAVIGATION_STATUS):
             self._navigation = status
-            is_busy = status.goal is not None or status.state != "idle"
-            if self._explorer is not None and is_busy:
+            if self._explorer is not None and status.is_busy:
                 self._explorer.navigation_is_busy(now_ns)
         self._take_map(now_ns, inbox)
         for pose in inbox.new(AMCL_POSE):

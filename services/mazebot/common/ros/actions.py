@@ -4,7 +4,6 @@ simulator.
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Final
@@ -170,7 +169,7 @@ def _compute(message: Any, _: str) -> Course:
     planning_time = duration_values(time.monotonic() - begun_s)
     if reply.error_code == ErrorCode.GOAL_REJECTED:
         raise GoalRejectedError(reply.error_msg)
-    path = {"header": {"frame_id": "map"}, "poses": [pose_stamped(pose) for pose in reply.path]}
+    path = {"header": {"frame_id": MAP_FRAME}, "poses": [pose_stamped(pose) for pose in reply.path]}
     failed = reply.error_code != ErrorCode.NONE
     return Ended(
         GoalStatus.ABORTED if failed else GoalStatus.SUCCEEDED,
@@ -222,7 +221,7 @@ def _path_feedback(told: act.ActionFeedback, _: Any) -> Response:
     remaining_m, speed_m_s = told.distance_remaining_m or 0.0, told.speed_m_s or 0.0
     pose, goal, straight_m = told.current_pose, told.goal, 0.0
     if pose is not None and goal is not None:
-        straight_m = math.hypot(goal.x_m - pose.x_m, goal.y_m - pose.y_m)
+        straight_m = pose.se2().distance_m(goal.se2())
     tracking = {
         "header": {"frame_id": MAP_FRAME},
         **_tracking_errors(told),

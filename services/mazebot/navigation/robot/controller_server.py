@@ -83,7 +83,7 @@ class ControllerServer:
         self.controller = controllers[params.controller]
         """The one that was used last."""
         self.followed: PlannedPath | None = None
-        self.nearest = 0
+        self._nearest = 0
         """Index of the point of that path nearest to the robot."""
         self._progress = ProgressChecker(params.progress_checker)
         self._stuck = StuckDetector(params.stuck_detector)
@@ -123,7 +123,7 @@ class ControllerServer:
         self.controller = controller
         self.followed = request.path
         # A path that is kept began further back.
-        first = self.nearest = nearest_index(request.path, pose)
+        first = self._nearest = nearest_index(request.path, pose)
         rest = piece(request.path, first, len(request.path.points_m))
         controller.set_path(rest, same_goal=continues)
         return is_new
@@ -172,13 +172,13 @@ class ControllerServer:
         path = self.followed
         if path is None:
             return TrackingFeedback(made.reached, made.distance_remaining_m)
-        self.nearest = path.nearest(pose.x_m, pose.y_m, self.nearest, _SEARCH_M)
+        self._nearest = path.nearest(pose.x_m, pose.y_m, self._nearest, _SEARCH_M)
         return TrackingFeedback(
             made.reached,
             made.distance_remaining_m,
-            path.foot(self.nearest, pose.x_m, pose.y_m).off_m,
-            wrap_angle(float(path.yaws_rad[self.nearest]) - pose.yaw_rad),
-            self.nearest,
+            path.foot(self._nearest, pose.x_m, pose.y_m).off_m,
+            wrap_angle(float(path.yaws_rad[self._nearest]) - pose.yaw_rad),
+            self._nearest,
         )
 
     def reconfigure(

@@ -67,6 +67,11 @@ class NavigationStatus(Document):
     )
     stop_causes: tuple[StopCause, ...] = Field((), description="the most severe first")
 
+    @property
+    def is_busy(self) -> bool:
+        """Whether there is a goal, or another action runs."""
+        return self.goal is not None or self.state != "idle"
+
 
 class NavigationResult(Document):
     """The result of a goal, with Nav2's error codes (0 is success)."""
