@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
 
+from mazebot.bench.chaos.scratch import scratch_folder
 from mazebot.bench.chaos.soak import Life, Sample, failures_of, lives_of, lost_of, main
 from mazebot.bench.chaos.trial import Trial
 
@@ -50,12 +52,36 @@ def test_what_did_not_hold_is_told() -> None:
 def test_only_what_may_never_be_lost_counts(tmp_path: Path) -> None:
     for run, lost in (("one", 0), ("two", 3)):
         (tmp_path / run).mkdir()
-        counts = {name: {"lost": 7} for name in ("/scan", "/simulation/stats", "/none_of_ours")}
+        skipped = ("/scan", "/simulation/stats", "/behavior_tree", "/none_of_ours")
+        counts = {name: {"lost": 7} for name in skipped}
         counts["/navigation/result"] = {"lost": lost}
         (tmp_path / run / "summary.json").write_text(json.dumps({"messages": counts}))
     assert lost_of(tmp_path) == {"/navigation/result": 3}
+    # Each of its messages counts, also for late readers.
+    (tmp_path / "one" / "summary.json").write_text(
+        json.dumps({"messages": {"/world/assets": {"lost": 1}}})
+    )
+    assert lost_of(tmp_path, {"two"}) == {"/world/assets": 1}
+    (tmp_path / "one" / "summary.json").write_text(json.dumps({"messages": {}}))
     # There was no router for a while.
     assert lost_of(tmp_path, {"two"}) == {}
+
+
+def test_what_a_run_wrote_stays_until_it_has_held(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    with scratch_folder("soak-") as held:
+        (held.path / "run.mcap").touch()
+        held.is_needed = False
+    assert not held.path.exists()
+    assert not capsys.readouterr().err
+    with pytest.raises(ZeroDivisionError), scratch_folder("soak-") as broken:
+        (broken.path / "run.mcap").touch()
+        1 / 0  # noqa: B018
+    assert (broken.path / "run.mcap").exists()
+    (line,) = capsys.readouterr().err.splitlines()
+    assert str(broken.path) in line
 
 
 @pytest.mark.parametrize("arguments", [["--minutes", "0"], ["--minutes-a-world", "0"]])

@@ -5,11 +5,13 @@ from pathlib import Path
 import pytest
 
 from mazebot.common.config import ConfigError
+from mazebot.common.files.limits import MAX_TREE_ELEMENTS
 from mazebot.navigation.behavior.engine.tree import NodeStatus
 from mazebot.navigation.behavior.nodes.node_kinds import NODE_KINDS, UNSUPPORTED
 from mazebot.navigation.behavior.nodes.xml_loader import (
     DEFAULT_NAV_THROUGH_POSES,
     DEFAULT_NAV_TO_POSE,
+    MAX_TREE_FILES,
     read_tree,
     read_tree_file,
 )
@@ -331,3 +333,104 @@ def test_the_cause_is_the_newest_failure_of_planning_or_control() -> None:
     cause = run.cause()
     assert cause is not None
     assert cause.code == 703
+
+
+def test_the_only_tree_needs_no_id() -> None:
+    text = '<root BTCPP_format="4"><BehaviorTree><AlwaysSuccess/></BehaviorTree></root>'
+    file = read_tree(text, "t.xml")
+    assert list(file.trees) == [file.main_id]
+    assert file.build(run_over()).tick(0) is NodeStatus.SUCCESS
+
+
+@pytest.mark.parametrize(
+    ("attributes", "more"),
+    [
+        ('main_tree_to_execute="Main"', ""),
+        ("", '<BehaviorTree ID="Two"><AlwaysSuccess/></BehaviorTree>'),
+    ],
+)
+def test_a_tree_that_is_named_elsewhere_needs_its_id(attributes: str, more: str) -> None:
+    text = f"<root {attributes}>\n<BehaviorTree><AlwaysSuccess/></BehaviorTree>{more}</root>"
+    with pytest.raises(ConfigError) as caught:
+        read_tree(text, "t.xml")
+    assert str(caught.value) == "t.xml:2: <BehaviorTree> has no ID"
+
+
+MAIN = (
+    '<root BTCPP_format="4" main_tree_to_execute="Main">\n<include path="{0}"/>\n'
+    '<BehaviorTree ID="Main"><SubTree ID="Below"/></BehaviorTree></root>'
+)
+BELOW = '<root BTCPP_format="4">{0}<BehaviorTree ID="Below">\n{1}</BehaviorTree></root>'
+
+
+def test_a_tree_includes_those_of_another_file(tmp_path: Path) -> None:
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "main.xml").write_text(MAIN.format("parts/below.xml"))
+    # Each path starts at its own file, and a circle ends.
+    again = '<include path="more.xml"/><include path="../main.xml"/>'
+    (tmp_path / "parts" / "below.xml").write_text(BELOW.format(again, '<SubTree ID="More"/>'))
+    (tmp_path / "parts" / "more.xml").write_text(
+        '<root BTCPP_format="3"><BehaviorTree ID="More"><AlwaysFailure/></BehaviorTree></root>'
+    )
+    file = read_tree_file(tmp_path / "main.xml")
+    assert set(file.trees) == {"Main", "Below", "More"}
+    assert file.main_id == "Main"
+    (warning,) = file.warnings
+    assert warning.startswith(str(tmp_path / "parts" / "more.xml") + ":1: ")
+    assert file.build(run_over()).tick(0) is NodeStatus.FAILURE
+
+
+@pytest.mark.parametrize(
+    ("include", "below", "message"),
+    [
+        ("gone.xml", "", "{0}/main.xml:2: <include>: 'gone.xml': No such file or directory"),
+        ("/dev/zero", "", "{0}/main.xml:2: <include>: '/dev/zero': must be a file"),
+        ("below.xml", "<Spinn/>", "{0}/below.xml:2: Spinn is not a known node; did you mean Spin?"),
+        ("below.xml", "<Wait wait_duration='x'/>", "{0}/below.xml:2: Wait, port 'wait_duration': "
+         "must be a number (got 'x')"),
+        ("below.xml", "<", "{0}/below.xml:2: not well-formed XML: not well-formed (invalid token)"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_with_an_included_file_names_it(
+    tmp_path: Path, include: str, below: str, message: str
+) -> None:
+    (tmp_path / "main.xml").write_text(MAIN.format(include))
+    (tmp_path / "below.xml").write_text(BELOW.format("", below))
+    with pytest.raises(ConfigError) as caught:
+        read_tree_file(tmp_path / "main.xml")
+    assert str(caught.value) == message.format(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("include", "message"),
+    [
+        ('<include path="a.xml"/>', "t.xml:1: <include>: must be in a file"),
+        ("<include/>", "t.xml:1: <include>: path is missing"),
+        ('<include ros_pkg="nav2" path="a.xml"/>', "t.xml:1: <include>: ros_pkg: there are no ROS"),
+    ],
+)
+def test_what_cannot_be_included_is_told(include: str, message: str) -> None:
+    text = f'<root BTCPP_format="4">{include}</root>'
+    with pytest.raises(ConfigError) as caught:
+        read_tree(text, "t.xml")
+    assert str(caught.value).startswith(message)
+
+
+def test_included_files_are_no_way_around_the_most_elements(tmp_path: Path) -> None:
+    many = "<Sequence>" + "<AlwaysSuccess/>" * (MAX_TREE_ELEMENTS // 2) + "</Sequence>"
+    trees = '<BehaviorTree ID="T{0}">' + many + "</BehaviorTree>"
+    for n in range(3):
+        following = f'<include path="{n + 1}.xml"/>' if n < 2 else ""
+        text = f'<root BTCPP_format="4">{following}{trees.format(n)}</root>'
+        (tmp_path / f"{n}.xml").write_text(text)
+    with pytest.raises(ConfigError, match=f"must have at most {MAX_TREE_ELEMENTS} elements, with"):
+        read_tree_file(tmp_path / "0.xml")
+
+
+def test_a_tree_is_of_few_files(tmp_path: Path) -> None:
+    for n in range(MAX_TREE_FILES + 1):
+        (tmp_path / f"{n}.xml").write_text(
+            f'<root BTCPP_format="4"><include path="{n + 1}.xml"/></root>'
+        )
+    with pytest.raises(ConfigError, match=f"99.xml:1: <include>: .* {MAX_TREE_FILES} files"):
+        read_tree_file(tmp_path / "0.xml")

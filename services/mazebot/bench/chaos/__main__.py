@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -25,6 +24,7 @@ from mazebot.bench.chaos.machines import compiler
 from mazebot.bench.chaos.plots import write_plot
 from mazebot.bench.chaos.recordings import faults_of_recordings
 from mazebot.bench.chaos.run import run_faults
+from mazebot.bench.chaos.scratch import scratch_folder
 from mazebot.bench.chaos.stacks import ContainerStack, LinkedStack, ProcessStack, Stack
 from mazebot.bench.chaos.summary import Row, met, rows_of
 from mazebot.bench.chaos.trial import Trial
@@ -50,13 +50,15 @@ def main(arguments: Sequence[str]) -> int:
     order = [
         order[i] for i in random_generator(options.seed, "chaos/order").permutation(len(order))
     ]
-    with tempfile.TemporaryDirectory(prefix="mazebot-chaos-") as name:
-        stack = _stack(options, Path(name), any(one.kind in MACHINES for one in faults))
+    with scratch_folder("mazebot-chaos-") as scratch:
+        stack = _stack(options, scratch.path, any(one.kind in MACHINES for one in faults))
         try:
             trials, broken = _run(stack, order, options)
         except (BusUnavailableError, ConfigError) as error:
             fail(str(error))
-    rows = rows_of(faults, trials)
+        rows = rows_of(faults, trials)
+        failures = [line for row in rows for line in met(row)] + broken
+        scratch.is_needed = bool(failures)
     Console(width=150).print(_table(rows))
     for line in broken:
         _say(f"recording: {line}")
@@ -70,7 +72,6 @@ def main(arguments: Sequence[str]) -> int:
         Path(options.json).write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
     if options.plot:
         write_plot(Path(options.plot), rows, trials)
-    failures = [line for row in rows for line in met(row)] + broken
     for line in failures:
         _say(f"not kept: {line}")
     return 1 if failures else 0

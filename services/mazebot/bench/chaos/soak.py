@@ -7,11 +7,10 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-import tempfile
 import time
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from rich import box
@@ -21,6 +20,7 @@ from rich.table import Table
 from mazebot.bench.chaos.faults import Fault
 from mazebot.bench.chaos.recordings import faults_of_recordings
 from mazebot.bench.chaos.run import try_one
+from mazebot.bench.chaos.scratch import scratch_folder
 from mazebot.bench.chaos.stacks import SERVICES, ContainerStack, ProcessStack, Stack
 from mazebot.bench.chaos.tasks import Drive
 from mazebot.bench.chaos.trial import Trial
@@ -28,7 +28,7 @@ from mazebot.bench.chaos.witness import Witness
 from mazebot.bench.ending import run
 from mazebot.common.bus.session import BusUnavailableError
 from mazebot.common.config import ConfigError, fail
-from mazebot.common.messages.topics import BY_NAME, Delivery
+from mazebot.common.messages.topics import BY_NAME, Delivery, Topic
 from mazebot.common.node.node import random_generator
 from mazebot.common.recordings.run_folder import SUMMARY
 
@@ -104,9 +104,16 @@ def samples_of(stack: Stack, wall_s: float) -> Iterator[Sample]:
         yield Sample(service, process, wall_s, memory_mb, files)
 
 
+def _counts_each(topic: Topic[Any]) -> bool:
+    if topic.delivery is Delivery.LATEST or topic.rate_hz is not None:
+        return False
+    return topic.delivery is Delivery.EVERY or topic.depth > 1
+
+
 def lost_of(recordings: Path, cut: Collection[str] = ()) -> dict[str, int]:
     """Messages that may never be lost and were, by topic, over all runs in a folder. What comes
-    regularly is followed by the next one.
+    regularly is followed by the next one; of a topic that keeps its last message for late readers,
+    a later one has taken the place of each that is missing.
 
     Args:
         recordings: the folder of the runs.
@@ -119,9 +126,7 @@ def lost_of(recordings: Path, cut: Collection[str] = ()) -> dict[str, int]:
         messages = json.loads(summary.read_text(encoding="utf-8"))["messages"]
         for name, counts in messages.items():
             topic = BY_NAME.get(name)
-            if topic is None or topic.delivery is Delivery.LATEST or topic.rate_hz is not None:
-                continue
-            if counts["lost"]:
+            if topic is not None and _counts_each(topic) and counts["lost"]:
                 lost[name] = lost.get(name, 0) + counts["lost"]
     return lost
 
@@ -215,14 +220,16 @@ def failures_of(trials: Sequence[Trial], lives: Sequence[Life], lost: dict[str, 
 def main(arguments: Sequence[str]) -> int:
     """Drive, and print; the exit code is 1 where something did not hold."""
     options = _options(arguments)
-    with tempfile.TemporaryDirectory(prefix="mazebot-soak-") as name:
+    with scratch_folder("mazebot-soak-") as scratch:
         kind = ContainerStack if options.containers else ProcessStack
-        stack = kind(Path(name), options.seed)
+        stack = kind(scratch.path, options.seed)
         try:
             soak, broken, lost = _run(stack, options)
         except (BusUnavailableError, ConfigError) as error:
             fail(str(error))
-    lives = lives_of(soak.samples)
+        lives = lives_of(soak.samples)
+        failures = failures_of(soak.trials, lives, lost) + [f"recording: {line}" for line in broken]
+        scratch.is_needed = bool(failures)
     reached = sum(trial.recovered for trial in soak.trials)
     console = Console(width=110)
     console.print(_table(lives))
@@ -230,7 +237,6 @@ def main(arguments: Sequence[str]) -> int:
         f"{options.minutes:g} minutes, {len(soak.worlds)} worlds, {len(soak.trials)} services "
         f"killed: {reached} times recovered"
     )
-    failures = failures_of(soak.trials, lives, lost) + [f"recording: {line}" for line in broken]
     if options.json:
         report = {
             "seed": options.seed, "minutes": options.minutes, "containers": options.containers,

@@ -25,6 +25,7 @@ class Blackboard:
             autoremap: pass every key on under its own name; names that begin with `_` stay here.
         """
         self._values: dict[str, object] = {}
+        self._times_set: dict[str, int] = {}
         self._own: set[str] = set()
         self._above = above
         self._remapped = dict(remapped or {})
@@ -44,11 +45,23 @@ class Blackboard:
         """Set the value of a key."""
         board, name = self._place(key)
         board._values[name] = value
+        board._times_set[name] = board._times_set.get(name, 0) + 1
+
+    def unset(self, key: str) -> None:
+        """Remove a key; one that is not there is no error."""
+        board, name = self._place(key)
+        board._values.pop(name, None)
+
+    def times_set(self, key: str) -> int:
+        """How often a key was set, also to the value that it had; 0 where it is not there."""
+        board, name = self._place(key)
+        return board._times_set.get(name, 0) if name in board._values else 0
 
     def hold(self, key: str, value: object) -> None:
         """Keep a key on this board, also where keys are passed on under their own names."""
         self._own.add(key)
         self._values[key] = value
+        self._times_set[key] = 1
 
     def __contains__(self, key: str) -> bool:
         board, name = self._place(key)

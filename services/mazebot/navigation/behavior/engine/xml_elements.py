@@ -16,8 +16,14 @@ class Element:
 
     tag: str
     attributes: dict[str, str]
+    source: str
     line: int
     children: list[Element] = field(default_factory=list)
+
+    @property
+    def at(self) -> str:
+        """Where it stands: the source and the line."""
+        return f"{self.source}:{self.line}"
 
     def walk(self) -> Iterator[Element]:
         """This element and all below it."""
@@ -48,7 +54,7 @@ def parse(text: str | bytes, source: str) -> Element:
             raise ConfigError(
                 f"{source}:{parser.CurrentLineNumber}: elements are nested more than {DEEPEST} deep"
             )
-        element = Element(tag, attributes, parser.CurrentLineNumber)
+        element = Element(tag, attributes, source, parser.CurrentLineNumber)
         (stack[-1].children if stack else roots).append(element)
         stack.append(element)
 

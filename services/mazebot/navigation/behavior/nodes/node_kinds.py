@@ -13,6 +13,7 @@ from mazebot.navigation.behavior.nodes import (
     controls,
     decorators,
     nodes_behaviors,
+    nodes_blackboard,
     nodes_conditions,
     nodes_control,
     nodes_goals,
@@ -63,6 +64,12 @@ DECORATORS: Final[Mapping[str, type[Node]]] = MappingProxyType(
         "GoalUpdater": decorators.GoalUpdater,
         "GoalUpdatedController": decorators.GoalUpdatedController,
         "PathLongerOnApproach": decorators.PathLongerOnApproach,
+        "SkipUnlessUpdated": nodes_blackboard.SkipUnlessUpdated,
+        "WaitValueUpdate": nodes_blackboard.WaitValueUpdate,
+        "LoopInt": nodes_blackboard.loop("LoopInt", "integer"),
+        "LoopBool": nodes_blackboard.loop("LoopBool", "flag"),
+        "LoopDouble": nodes_blackboard.loop("LoopDouble", "number"),
+        "LoopString": nodes_blackboard.loop("LoopString", "text"),
     }
 )
 
@@ -97,7 +104,10 @@ ACTIONS: Final[Mapping[str, type[Node]]] = MappingProxyType(
     {
         "AlwaysSuccess": nodes_conditions.AlwaysSuccess,
         "AlwaysFailure": nodes_conditions.AlwaysFailure,
-        "SetBlackboard": nodes_conditions.SetBlackboard,
+        "SetBlackboard": nodes_blackboard.SetBlackboard,
+        "UnsetBlackboard": nodes_blackboard.UnsetBlackboard,
+        "WasEntryUpdated": nodes_blackboard.WasEntryUpdated,
+        "Log": nodes_conditions.Log,
         "Script": nodes_conditions.ScriptNode,
         "ScriptCondition": nodes_conditions.ScriptCondition,
         "Sleep": nodes_conditions.Sleep,

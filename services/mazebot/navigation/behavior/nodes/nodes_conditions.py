@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 
 from mazebot.common.maths.frames import SE2, wrap_angle
@@ -13,6 +14,15 @@ from mazebot.navigation.behavior.nodes.goals import goals_on_blackboard
 from mazebot.navigation.errors import NavigationError
 
 RUNNING, SUCCESS, FAILURE = NodeStatus.RUNNING, NodeStatus.SUCCESS, NodeStatus.FAILURE
+_LOG = logging.getLogger("navigation")
+_LEVELS = {
+    "DEBUG": logging.DEBUG,
+    "INFO": logging.INFO,
+    "WARN": logging.WARNING,
+    "ERROR": logging.ERROR,
+    "FATAL": logging.CRITICAL,
+}
+_NAMES = ", ".join(_LEVELS)
 _FRAMES = (Port("global_frame"), Port("robot_base_frame"))
 
 
@@ -43,14 +53,17 @@ class AlwaysFailure(Node):
         return FAILURE
 
 
-class SetBlackboard(Node):
-    """Writes a value to the blackboard."""
+class Log(Node):
+    """Writes a message to navigation's log; fails where its level is none."""
 
-    ports = (Port("value", "any", required=True), Port("output_key", "any", required=True))
+    ports = (Port("level", required=True), Port("message", required=True))
 
     def _tick(self, now_ns: int) -> NodeStatus:
-        key = self.key("output_key") or self.text("output_key")
-        self.place.blackboard.set(key, self.get("value"))
+        level = _LEVELS.get(self.text("level"))
+        if level is None:
+            _LOG.error("%s: level is %.20r: must be one of %s", self, self.text("level"), _NAMES)
+            return FAILURE
+        _LOG.log(level, "%s", self.text("message"))
         return SUCCESS
 
 

@@ -43,6 +43,8 @@ _EXPLICIT = {"Action", "Condition", "Control", "Decorator"}
 _RESERVED = {"name", "ID", "_description", "_uid", "_fullpath"}
 """Attributes that are no ports; the last ones are Groot's."""
 _SCRIPTS = {*BEFORE, *AFTER}
+MAX_TREE_FILES = 100
+"""The file of a tree, and all that it includes."""
 _SHARED = ("_autoremap", "__autoremap", "__shared_blackboard")
 """Attributes of a SubTree by which all keys are those of the tree above; the last two are those of
 format 3."""
@@ -76,61 +78,113 @@ class TreeFile:
 
 
 def read_tree_file(path: Path) -> TreeFile:
-    """Read a file. Raises ConfigError, in one line."""
+    """Read a file, with those that it includes. Raises ConfigError, in one line."""
+    return read_tree(_text_of(path, str(path)), str(path), path)
+
+
+def _text_of(path: Path, at: str) -> bytes:
+    """The text of a file, or ConfigError that begins with `at`."""
     try:
-        text = read_limited(path, MAX_TEXT_BYTES)
+        return read_limited(path, MAX_TEXT_BYTES)
     except (OSError, NotReadableError) as error:
-        raise ConfigError(f"{path}: {reason(error)}") from None
-    return read_tree(text, str(path))
+        raise ConfigError(f"{at}: {reason(error)}") from None
 
 
-def read_tree(text: str | bytes, source: str) -> TreeFile:
+def read_tree(text: str | bytes, source: str, path: Path | None = None) -> TreeFile:
     """Read and check trees.
+
+    Args:
+        text: the XML.
+        source: what messages name as its place.
+        path: the file that it comes from, whose folder the paths of its `<include>` start at;
+            without one, nothing can be included.
 
     Raises ConfigError, in one line that names the source, its line, the node and the port. Unknown
     ports are warnings; nodes of Nav2 that do not run here are listed as unsupported.
     """
     root = parse(text, source)
-    if root.tag != "root":
-        raise ConfigError(
-            f"{source}:{root.line}: the first element is <{root.tag}>: must be <root>"
-        )
-    warnings = []
-    form = root.attributes.get("BTCPP_format")
-    if form is None:
-        warnings.append(f"{source}:{root.line}: no BTCPP_format: read as format 4")
-    elif form == "3":
-        warnings.append(f"{source}:{root.line}: BTCPP_format 3: read as format 4")
-    elif form != "4":
-        raise ConfigError(f"{source}:{root.line}: BTCPP_format is {form!r:.20}: must be 3 or 4")
-    for element in root.walk():
-        _of_today(element, form == "3")
-    trees: dict[str, Element] = {}
-    for element in root.children:
-        if element.tag == "TreeNodesModel":
-            continue
-        if element.tag != "BehaviorTree":
-            raise ConfigError(
-                f"{source}:{element.line}: <{element.tag}> in <root>: must be <BehaviorTree>"
-            )
-        name = element.attributes.get("ID")
-        if not name:
-            raise ConfigError(f"{source}:{element.line}: <BehaviorTree> has no ID")
-        if name in trees:
-            raise ConfigError(f"{source}:{element.line}: duplicate tree ID {name!r:.60}")
-        if len(element.children) != 1:
-            raise ConfigError(
-                f"{source}:{element.line}: tree {name!r:.60} has {len(element.children)} root "
-                "nodes: must be one"
-            )
-        trees[name] = element.children[0]
-    main = _main_id(root, trees, source)
-    checker = _Checker(source, trees)
+    found = _Trees()
+    found.add(root, path)
+    main = _main_id(root, found.trees, source)
+    checker = _Checker(source, found.trees)
     checker.check_kinds()
-    for tree in trees.values():
+    for tree in found.trees.values():
         checker.check(tree)
     checker.check_subtrees(main, ())
-    return TreeFile(source, main, trees, (*warnings, *checker.warnings), tuple(checker.unsupported))
+    warnings = (*found.warnings, *checker.warnings)
+    return TreeFile(source, main, found.trees, warnings, tuple(checker.unsupported))
+
+
+class _Trees:
+    """The trees of a file, and of those that it includes."""
+
+    def __init__(self) -> None:
+        self.trees: dict[str, Element] = {}
+        self.warnings: list[str] = []
+        self._files: set[Path] = set()
+        self._elements = 0
+
+    def add(self, root: Element, path: Path | None) -> None:
+        """Take the trees of a document. Raises ConfigError."""
+        if root.tag != "root":
+            raise ConfigError(f"{root.at}: the first element is <{root.tag}>: must be <root>")
+        if path is not None:
+            self._files.add(path.resolve())
+        form = root.attributes.get("BTCPP_format")
+        if form is None:
+            self.warnings.append(f"{root.at}: no BTCPP_format: read as format 4")
+        elif form == "3":
+            self.warnings.append(f"{root.at}: BTCPP_format 3: read as format 4")
+        elif form != "4":
+            raise ConfigError(f"{root.at}: BTCPP_format is {form!r:.20}: must be 3 or 4")
+        for element in root.walk():
+            self._elements += 1
+            _of_today(element, form == "3")
+        if self._elements > MAX_TREE_ELEMENTS:
+            raise ConfigError(
+                f"{root.at}: must have at most {MAX_TREE_ELEMENTS} elements, with all that is "
+                "included"
+            )
+        for element in root.children:
+            if element.tag == "BehaviorTree":
+                self._add_tree(element, root)
+            elif element.tag == "include":
+                self._include(element, path)
+            elif element.tag != "TreeNodesModel":
+                raise ConfigError(f"{element.at}: <{element.tag}> in <root>: must be <BehaviorTree>")
+
+    def _add_tree(self, element: Element, root: Element) -> None:
+        name = element.attributes.get("ID")
+        if not name:
+            trees = [one for one in root.children if one.tag == "BehaviorTree"]
+            if len(trees) > 1 or "main_tree_to_execute" in root.attributes:
+                raise ConfigError(f"{element.at}: <BehaviorTree> has no ID")
+            name = f"BehaviorTree_{len(self.trees)}"
+        if name in self.trees:
+            raise ConfigError(f"{element.at}: duplicate tree ID {name!r:.60}")
+        if len(element.children) != 1:
+            raise ConfigError(
+                f"{element.at}: tree {name!r:.60} has {len(element.children)} root nodes: must be "
+                "one"
+            )
+        self.trees[name] = element.children[0]
+
+    def _include(self, element: Element, path: Path | None) -> None:
+        at = f"{element.at}: <include>"
+        if "ros_pkg" in element.attributes:
+            raise ConfigError(f"{at}: ros_pkg: there are no ROS packages here: must be a path alone")
+        given = element.attributes.get("path")
+        if not given:
+            raise ConfigError(f"{at}: path is missing")
+        if path is None:
+            raise ConfigError(f"{at}: must be in a file: its path starts at the file's folder")
+        included = path.parent / given
+        if included.resolve() in self._files:
+            return
+        if len(self._files) >= MAX_TREE_FILES:
+            raise ConfigError(f"{at}: a tree must be of at most {MAX_TREE_FILES} files")
+        text = _text_of(included, f"{at}: {given!r:.120}")
+        self.add(parse(text, str(included)), included)
 
 
 def _of_today(element: Element, format_3: bool) -> None:
@@ -190,7 +244,7 @@ class _Checker:
         unknown = []
         for element in (one for root in self._trees.values() for one in root.walk()):
             kind = _kind(element)
-            at = f"{self.source}:{element.line}: {kind or element.tag}"
+            at = f"{element.at}: {kind or element.tag}"
             if element.tag != "SubTree" and kind not in UNSUPPORTED and not self._class(at, kind):
                 meant = _meant(kind, [*NODE_KINDS, *UNSUPPORTED])
                 unknown.append(f"{at} is not a known node{meant}")
@@ -200,7 +254,7 @@ class _Checker:
     def check(self, element: Element) -> None:
         """Check a node and those below it."""
         kind = _kind(element)
-        at = f"{self.source}:{element.line}: {kind or element.tag}"
+        at = f"{element.at}: {kind or element.tag}"
         for name in _SCRIPTS & set(element.attributes):
             if element.tag == "SubTree":
                 raise ConfigError(
@@ -246,7 +300,7 @@ class _Checker:
                 raise ConfigError(f"{at}, port {port.name!r}: is missing")
 
     def _check_subtree(self, element: Element) -> None:
-        at = f"{self.source}:{element.line}: SubTree"
+        at = f"{element.at}: SubTree"
         name = element.attributes.get("ID", "")
         if name not in self._trees:
             raise ConfigError(f"{at}: no tree with ID {name!r:.60}{_meant(name, self._trees)}")
