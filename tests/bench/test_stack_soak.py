@@ -13,6 +13,7 @@ import pytest
 from mazebot.bench.chaos.scratch import scratch_folder
 from mazebot.bench.chaos.soak import Life, Sample, failures_of, lives_of, lost_of, main
 from mazebot.bench.chaos.trial import Trial
+from mazebot.common.config import ConfigError
 
 
 def test_each_process_is_judged_after_its_warm_up() -> None:
@@ -76,12 +77,17 @@ def test_what_a_run_wrote_stays_until_it_has_held(
         held.is_needed = False
     assert not held.path.exists()
     assert not capsys.readouterr().err
-    with pytest.raises(ZeroDivisionError), scratch_folder("soak-") as broken:
-        (broken.path / "run.mcap").touch()
-        1 / 0  # noqa: B018
-    assert (broken.path / "run.mcap").exists()
+
+    def fails() -> None:
+        with scratch_folder("soak-") as broken:
+            (broken.path / "run.mcap").touch()
+            raise ConfigError("no router")
+
+    with pytest.raises(ConfigError):
+        fails()
+    (kept,) = tmp_path.glob("soak-*/run.mcap")
     (line,) = capsys.readouterr().err.splitlines()
-    assert str(broken.path) in line
+    assert str(kept.parent) in line
 
 
 @pytest.mark.parametrize("arguments", [["--minutes", "0"], ["--minutes-a-world", "0"]])

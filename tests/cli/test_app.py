@@ -277,6 +277,7 @@ def test_a_port_that_is_taken_is_named(tmp_path: Path) -> None:
     assert_one_line(router, port)
 
 
+@pytest.mark.slow
 def test_no_gl_is_one_line(tmp_path: Path) -> None:
     flags = ["--renderer", "gl", "--out", str(tmp_path / "run")]
     done = python("mazebot.cli", "demo", *flags, **NO_GL)

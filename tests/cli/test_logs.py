@@ -286,7 +286,7 @@ class TestKinds:
         for content, said in (
             (b"SQLite format 3\0 and so on", "is not a readable bag: file is not a database"),
             (b"\x89MCAP", "is not a readable bag: not an MCAP file"),
-            (b"#ROSBAG V2.0\n", "rosbags-convert"),
+            (b"#ROSBAG V2.0\n", "has no sensor_msgs/msg/LaserScan on /scan"),
             (b"\0\1\2\3", "FLASER or ROBOTLASER1"),
             (b"\x1f\x8b not packed", "corrupt gzip"),
             (b"", "must be 'time_s"),
@@ -351,7 +351,7 @@ class TestBags:
         assert told.count("\n") == 1
         empty = tmp_path / "empty"
         empty.mkdir()
-        assert "has no metadata.yaml, and there is no .mcap or .db3 file" in refused(empty)
+        assert "has no metadata.yaml, and there is no .mcap, .db3 or .bag file" in refused(empty)
 
     @pytest.mark.parametrize("packed", ["", "STORAGE"])
     def test_a_cut_file_is_read_as_far_as_it_goes(

@@ -134,6 +134,7 @@ def _emergency_stop(endpoint: str) -> None:
     assert reason() == ""
 
 
+@pytest.mark.slow
 def test_another_world_is_loaded_and_stays_when_worldgen_is_killed(
     session: tuple[zenoh.Session, str], tmp_path: Path
 ) -> None:

@@ -78,6 +78,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("goal", "error"),
     [("0.5,-0.9", ""), ("0.75,-0.38", "206"), ("9,9", "204")],
@@ -112,6 +113,7 @@ def test_the_patrol_reaches_every_location(tmp_path: Path) -> None:
     assert lines == [f"round 1: location{number}: SUCCEEDED" for number in (1, 2, 3, 4)]
 
 
+@pytest.mark.slow
 def test_the_gazebo_world_is_imported(tmp_path: Path) -> None:
     said = run(
         "-m", "mazebot.cli", "world", "import", "examples/office.sdf", "--out", "office.yaml",

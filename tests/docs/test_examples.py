@@ -45,6 +45,7 @@ def run(code: str, folder: Path) -> str:
     return done.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("example", IN_PROCESS)
 def test_a_program_in_the_pages_runs(example: Example, tmp_path: Path) -> None:
     said = run(example.text, tmp_path)

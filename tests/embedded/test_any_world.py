@@ -103,6 +103,7 @@ def gazebo_file(file: Path, *models: str) -> Path:
     return file
 
 
+@pytest.mark.slow
 def test_a_gazebo_file_is_driven_in_one_step(tmp_path: Path) -> None:
     """A pillar where the robot would stand, and a default tour around it."""
     file = gazebo_file(

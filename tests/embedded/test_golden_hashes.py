@@ -75,6 +75,7 @@ def test_a_short_drive_has_the_hashes_that_are_written_down(world: str) -> None:
     assert short_drive(world) == GOLDEN_SHORT[world]
 
 
+@pytest.mark.slow
 def test_a_short_drive_has_them_with_another_c_library_blas_and_vectors() -> None:
     setting = {**C_LIBRARY, **BLAS, **VECTORS}
     world = "sim_house_enhanced"

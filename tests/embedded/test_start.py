@@ -97,6 +97,7 @@ def start(code: str, kernels: Path | None, *arguments: str) -> subprocess.Popen[
     return subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
 
 
+@pytest.mark.slow
 def test_a_tour_imports_nothing_of_what_it_does_not_use(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -107,6 +108,7 @@ def test_a_tour_imports_nothing_of_what_it_does_not_use(
     assert not imported & set(UNUSED)
 
 
+@pytest.mark.slow
 def test_every_kernel_that_python_calls_is_listed_and_no_other() -> None:
     found = run(OBSERVED)
     told = "make generate writes services/mazebot/embedded/kernels.txt again"
@@ -120,6 +122,7 @@ def test_types_are_read_as_they_were_written() -> None:
         assert text_of(types_of(text)) == text
 
 
+@pytest.mark.slow
 def test_what_is_compiled_is_told_and_never_compiled_again(tmp_path: Path) -> None:
     first, *_, value, children = run(EXPONENTIAL, tmp_path, "all")
     assert first.startswith("compiling kernels, once: 0 of ")

@@ -50,6 +50,7 @@ def test_on_open_floor_it_ends_near_what_it_has_seen() -> None:
     assert stage.driven_m < 15.0
 
 
+@pytest.mark.slow
 def test_where_nothing_is_seen_it_looks_for_something() -> None:
     stage = explored(YARD, open_distance=2.0)
     assert stage.status.state == "complete"
@@ -70,6 +71,7 @@ def test_a_hall_whose_walls_are_far_from_one_another_is_seen_whole() -> None:
     assert (stage.known[10:-10, 10:-10] == 0).mean() > 0.999
 
 
+@pytest.mark.slow
 def test_rooms_come_before_the_yard_around_them(caplog: pytest.LogCaptureFixture) -> None:
     yard = YARD.copy()
     yard[120:200, 90:230] = HOUSE

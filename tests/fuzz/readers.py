@@ -234,6 +234,8 @@ READERS = (
     Reader("mcap", "a.mcap", _log),
     Reader("db3", "a.db3", _log),
     Reader("bag", "b.mcap", _bag),
+    Reader("ros1", "a.bag", _log),
+    Reader("ros1_bag", "b.bag", _bag),
     Reader("cut_recording", "run.mcap", _cut_recording),
     Reader("relations", "a.relations", lambda path: all_finite(read_relations(path))),
     Reader("slam_params", "slam.yaml", read_slam_params),

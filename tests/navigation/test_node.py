@@ -125,6 +125,7 @@ def tour() -> NodeDriver:
     return driver
 
 
+@pytest.mark.slow
 def test_the_tour_takes_less_than_ninety_seconds_and_touches_nothing(tour: NodeDriver) -> None:
     assert sum(r.end_time_s - r.start_time_s for r in tour.results()) < 90.0
     assert outline_distance_m(tour) > 0.04

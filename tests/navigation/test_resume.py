@@ -103,6 +103,7 @@ def test_the_pose_is_that_of_the_process_before_and_not_odometry_s() -> None:
     assert driver.of(LOCALIZATION_STATUS)[-1].state == "localized"
 
 
+@pytest.mark.slow
 def test_a_robot_that_was_carried_away_meanwhile_is_not_taken_for_localized() -> None:
     before = on_the_way()
     elsewhere = LOCATIONS["location3"]
@@ -115,6 +116,7 @@ def test_a_robot_that_was_carried_away_meanwhile_is_not_taken_for_localized() ->
     assert driver.of(LOCALIZATION_STATUS)[-1].state == "localized"
 
 
+@pytest.mark.slow
 def test_of_poses_and_waypoints_what_is_left_goes_on() -> None:
     here, there = LOCATIONS["location1"], LOCATIONS["location2"]
     near = Planar(x_m=-0.9, y_m=-0.68, yaw_rad=-2.5)

@@ -91,6 +91,7 @@ def test_every_message_is_the_same_again_over_a_router(in_process: Record, tmp_p
     assert len(ours) == len(theirs)
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(240)
 def test_every_message_is_the_same_between_processes_in_lockstep(
     in_process: Record, tmp_path: Path

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import weakref
 from collections.abc import Iterable
 from typing import TypeVar, cast
 
@@ -108,6 +109,8 @@ class Driver:
     def __init__(self, **config: object) -> None:
         settings = {"renderer": "none", **config}
         self.node = PhysicsNode(PhysicsConfig.model_validate(settings))
+        # PyBullet and the renderer keep their memory until they are closed.
+        weakref.finalize(self, self.node.close)
         self.inbox = Inbox(self.node)
         self.outbox = Outbox(self.node, self._collect)
         self.now_ns = 0

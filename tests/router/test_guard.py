@@ -167,6 +167,7 @@ def test_a_mistake_is_one_line() -> None:
     assert done.stderr.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_a_key_opens_from_when_it_is_made_until_it_is_revoked(tmp_path: Path) -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     store = KeyStore(tmp_path / "keys")

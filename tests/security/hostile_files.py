@@ -4,6 +4,7 @@ its kind.
 
 from __future__ import annotations
 
+import bz2
 import gzip
 import io
 import json
@@ -218,6 +219,16 @@ def lz4_bomb(megabytes: int, declared: int) -> bytes:
         for _ in range(megabytes):
             opened.write(_ZEROS)
     return mcap.chunk_record(mcap.Chunk(1, 2, declared, 0, "lz4", packed.getvalue()))
+
+
+def ros1_bomb(megabytes: int) -> bytes:
+    """A bag of ROS 1 with two chunks of megabytes of zeros each, which they do say."""
+    packer = bz2.BZ2Compressor(1)
+    packed = b"".join(packer.compress(bytes(1 << 20)) for _ in range(megabytes)) + packer.flush()
+    fields = (b"op=\5", b"compression=bz2", b"size=" + struct.pack("<I", megabytes << 20))
+    head = b"".join(struct.pack("<I", len(field)) + field for field in fields)
+    chunk = struct.pack("<I", len(head)) + head + struct.pack("<I", len(packed)) + packed
+    return b"#ROSBAG V2.0\n" + 2 * chunk
 
 
 def scan_channel() -> bytes:
@@ -1000,6 +1011,12 @@ CASES = (
         log_of("a.mcap"),
         text("a.mcap", mcap.MAGIC + mcap.header("", "") + scan_channel() + lz4_bomb(400, 100)[:-9]),
         ("a.mcap",),
+    ),
+    Hostile(
+        "ros1-bz2-bomb",
+        log_of("a.bag"),
+        text("a.bag", ros1_bomb(400)),
+        ("a.bag", "must unpack to at most"),
     ),
     Hostile(
         "mcap-scan-count",

@@ -186,6 +186,7 @@ def test_some_services_are_started_listed_and_ended(port: str) -> None:
     assert mazebot("logs", "worldgen", "--router-port", port).stdout.startswith(one)
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(180)
 def test_ctrl_c_ends_all(port: str) -> None:
     command = ["-m", "mazebot.cli", "up", "--only", "worldgen", "--router-port", port]

@@ -176,6 +176,7 @@ def test_rosbags_reads_it_with_the_quality_of_service(path: Path) -> None:
         assert durability[topic.name] is expected, topic.name
 
 
+@pytest.mark.slow
 def test_wherever_a_file_is_cut_off_it_is_repaired_and_all_whole_chunks_are_kept(
     path: Path,
 ) -> None:

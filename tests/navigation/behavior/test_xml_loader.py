@@ -406,7 +406,10 @@ def test_what_is_wrong_with_an_included_file_names_it(
     [
         ('<include path="a.xml"/>', "t.xml:1: <include>: must be in a file"),
         ("<include/>", "t.xml:1: <include>: path is missing"),
-        ('<include ros_pkg="nav2" path="a.xml"/>', "t.xml:1: <include>: ros_pkg: there are no ROS"),
+        (
+            '<include ros_pkg="nav2" path="a.xml"/>',
+            "t.xml:1: <include>: ros_pkg: there are no packages",
+        ),
     ],
 )
 def test_what_cannot_be_included_is_told(include: str, message: str) -> None:

@@ -647,6 +647,7 @@ def picture_hash(kind: RendererKind) -> str:
     return digest.hexdigest()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_pixels_are_the_same_in_every_process(kind: RendererKind) -> None:
     # Drawn with as many threads as there are told to be, or with none beside: that must not show.
@@ -688,6 +689,7 @@ def test_the_cpus_pixels_do_not_depend_on_its_threads(threads: int) -> None:
     assert np.array_equal(first.depth_m, second.depth_m, equal_nan=True)
 
 
+@pytest.mark.slow
 def test_no_kernel_of_the_cpus_is_left_to_compile() -> None:
     code = """
 import numpy as np
@@ -738,6 +740,7 @@ print(make_renderer("auto", intrinsics).name)
     assert "INFO Rendering with cpu_rasterizer" in result.stderr
 
 
+@pytest.mark.slow
 def test_auto_asks_opengl_only_where_there_is_a_gpu_and_takes_no_other_cpu_for_one() -> None:
     for devices, loaded in (("nothing*", "False"), ("null", "True")):
         code = f"""{CHOOSE}

@@ -84,6 +84,7 @@ def test_a_killed_recording_is_made_whole_by_the_next_recorder(tmp_path: Path) -
     }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_the_summary_of_a_killed_run_says_what_its_files_hold(tmp_path: Path) -> None:
     run = killed_run(tmp_path, "pass")
     counted = {"sent": 9, "received": 7, "lost": 2, "recorded": 7, "rejected": 0}
@@ -193,6 +194,7 @@ def test_another_simulation_of_the_same_world_is_another_run(
     assert len(list(tmp_path.iterdir())) == 2
 
 
+@pytest.mark.slow
 def test_what_is_sent_again_of_a_simulation_that_has_ended_is_not_judged(tmp_path: Path) -> None:
     killed_run(tmp_path, "")
     world = room()
@@ -209,6 +211,7 @@ def test_what_is_sent_again_of_a_simulation_that_has_ended_is_not_judged(tmp_pat
     assert [goal.goal_stamp_ns for goal in verdicts[-1].goals] == [500_000_000]
 
 
+@pytest.mark.slow
 def test_a_run_that_nobody_resumes_is_repaired_at_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

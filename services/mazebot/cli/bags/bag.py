@@ -1,5 +1,5 @@
-"""Opens bags of ROS 2: an MCAP file, a `.db3` file of rosbag2, or a folder of either, also one that
-was not closed: without metadata.yaml, or cut.
+"""Opens bags: an MCAP file, a `.db3` file of rosbag2, a `.bag` of ROS 1, or a folder of them, also
+one that was not closed: without metadata.yaml, or cut.
 """
 
 from __future__ import annotations
@@ -15,7 +15,9 @@ from typing import cast
 import zstandard
 from rosbags.interfaces import Connection, ConnectionExtRosbag2
 
+from mazebot.cli.bags import ros1_bag
 from mazebot.cli.bags.mcap_bag import McapBag
+from mazebot.cli.bags.ros1_bag import CDR, Ros1Bag
 from mazebot.cli.bags.sqlite_bag import SqliteBag
 from mazebot.common.config import ConfigError
 from mazebot.common.files import bounded_yaml
@@ -30,12 +32,10 @@ from mazebot.common.problems import words
 from mazebot.common.recordings.mcap.mcap_records import McapError
 
 METADATA = "metadata.yaml"
-CDR = "cdr"
-_STORAGES = (".mcap", ".db3")
+_STORAGES = (".mcap", ".db3", ".bag")
 _PACKED = (".zstd", ".zst")
 _ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 _MCAP_MAGIC = b"\x89MCAP"
-_ROSBAG_1 = b"#ROSBAG V"
 _SQLITE_MAGIC = b"SQLite format 3\0"
 _PIECE_BYTES = 65_536
 _MANY = 6
@@ -43,7 +43,7 @@ _MANY = 6
 _Warn = Callable[[str, str], None]
 
 
-_Storage = McapBag | SqliteBag
+_Storage = McapBag | SqliteBag | Ros1Bag
 
 
 class Bag:
@@ -62,6 +62,10 @@ class Bag:
             for connection in storage.connections:
                 self._own.append((number, connection))
                 self.connections.append(connection._replace(id=len(self.connections)))
+
+    def topics_of(self, type_name: str) -> set[str]:
+        """The topics of a type."""
+        return {one.topic for one in self.connections if one.msgtype == type_name}
 
     def messages(
         self, connections: Collection[Connection] | None = None
@@ -89,7 +93,7 @@ class Bag:
         except Exception as error:
             # Each storage has errors of its own.
             raise ConfigError(f"{self._name}: {path}: {_line(error)}") from error
-        if isinstance(storage, McapBag) and storage.damaged:
+        if not isinstance(storage, SqliteBag) and storage.damaged:
             damaged = storage.damaged
             many = "chunks" if damaged > 1 else "chunk"
             why = f", one of which {storage.too_large}" if storage.too_large else ""
@@ -101,9 +105,14 @@ class Bag:
         return max((storage.end_ns for _, storage in self._storages), default=0)
 
 
-def encoding_of(connection: Connection) -> str:
-    """How the messages of a topic are encoded: `cdr`, or what is not of ROS 2."""
-    return cast("ConnectionExtRosbag2", connection.ext).serialization_format
+def problem_of(connection: Connection) -> str:
+    """Why the messages of a topic cannot be read, whatever they are; empty: they can."""
+    encoding = cast("ConnectionExtRosbag2", connection.ext).serialization_format
+    if encoding == CDR:
+        return ""
+    if encoding == ros1_bag.ROS_1:
+        return f"is {connection.msgtype} as it was in ROS 1: must have the fields that it has today"
+    return f"is encoded as {encoding}: must be {CDR}"
 
 
 @contextmanager
@@ -138,7 +147,7 @@ def _files_of(folder: Path, name: str, warn: _Warn) -> list[Path]:
             why = f"{METADATA} names {_some(missing)}, missing here"
     files = _all_files(folder)
     if not files:
-        raise ConfigError(f"{name}: {folder}: {why}, and there is no .mcap or .db3 file")
+        raise ConfigError(f"{name}: {folder}: {why}, and there is no .mcap, .db3 or .bag file")
     warn(name, f"{folder}: {why}: read file by file: {_some([file.name for file in files])}")
     return files
 
@@ -173,17 +182,16 @@ def _open(file: Path, name: str, stack: ExitStack, warn: _Warn) -> _Storage:
         inside = _unpacked(file, stack) if file.suffix in _PACKED else file
         with open_regular(inside) as begun:
             begin = begun.read(len(_SQLITE_MAGIC))
-        if begin.startswith(_ROSBAG_1):
-            raise ConfigError(
-                f"{name}: {file}: is a bag of ROS 1: must be converted to rosbag2, for example "
-                "by rosbags-convert"
-            )
-        if not begin.startswith(_MCAP_MAGIC) and begin != _SQLITE_MAGIC:
-            what = "is empty" if not begin else "is neither MCAP nor SQLite"
-            raise ConfigError(f"{name}: {file}: {what}: must be a file of rosbag2")
         if begin == _SQLITE_MAGIC:
             return SqliteBag(inside)
-        bag = McapBag(inside)
+        bag: McapBag | Ros1Bag
+        if begin.startswith(_MCAP_MAGIC):
+            bag = McapBag(inside)
+        elif begin.startswith(ros1_bag.MAGIC):
+            bag = Ros1Bag(inside)
+        else:
+            what = "is empty" if not begin else "is neither MCAP nor SQLite nor a bag of ROS 1"
+            raise ConfigError(f"{name}: {file}: {what}: must be a bag")
     except ConfigError:
         raise
     except Exception as error:

@@ -1,4 +1,4 @@
-"""Scans and odometry of a bag of ROS 2."""
+"""Scans and odometry of a bag."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mazebot.cli.bags.bag import CDR, Bag, encoding_of, opened
+from mazebot.cli.bags.bag import Bag, opened, problem_of
 from mazebot.cli.logs.log import Entry, Log, LoggedScan, Topics
 from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import SE2
@@ -33,6 +33,12 @@ class _Found:
     odometry: list[Entry] = field(default_factory=list)
     transforms: list[Entry] = field(default_factory=list)
     frames: dict[str, tuple[str, SE2]] = field(default_factory=dict)
+    """Of each frame that is fixed in another one: the other, and its pose there."""
+
+    @property
+    def lidars(self) -> set[str]:
+        """The frames of the scans."""
+        return {entry.scan.frame_id for entry in self.scans if entry.scan}
 
 
 def read(path: Path, topics: Topics) -> Log:
@@ -44,7 +50,8 @@ def read(path: Path, topics: Topics) -> Log:
     types = {topics.odom: _ODOMETRY, topics.scan: _SCAN, _STATIC: _TRANSFORMS}
     with opened(path, "--log") as bag:
         _take(found, bag, path, types, topics)
-        if not found.odometry:
+        is_mounted = all(_base_from(found.frames, one) is not None for one in found.lidars)
+        if not found.odometry or (not is_mounted and _MOVING in bag.topics_of(_TRANSFORMS)):
             _take(found, bag, path, {_MOVING: _TRANSFORMS}, topics)
         # First, for it may be why a topic has no messages.
         for file, what in bag.damaged.items():
@@ -55,8 +62,7 @@ def read(path: Path, topics: Topics) -> Log:
             raise ConfigError(_missing(path, bag, topics.odom, _ODOMETRY, "--odom-topic"))
     entries = [*(found.odometry or found.transforms), *found.scans]
     entries.sort(key=lambda entry: (entry.stamp_ns, entry.scan is not None))
-    frames = {entry.scan.frame_id for entry in entries if entry.scan}
-    return Log(entries, _base_from(found.frames, sorted(frames)[0]))
+    return Log(entries, _base_from(found.frames, min(found.lidars)))
 
 
 def _missing(path: Path, bag: Bag, topic: str, kind: str, option: str) -> str:
@@ -64,7 +70,7 @@ def _missing(path: Path, bag: Bag, topic: str, kind: str, option: str) -> str:
     if any(one.topic == topic for one in bag.connections):
         what = f"{topic} is empty"
     others = {one.topic for one in bag.connections}
-    fit = {one.topic for one in bag.connections if one.msgtype == kind} - {topic}
+    fit = bag.topics_of(kind) - {topic}
     if fit:
         return f"--log: {path}: {what}: {option} must be one of its {_names(fit)}"
     if topic in others:
@@ -85,11 +91,8 @@ def _take(found: _Found, bag: Bag, path: Path, types: dict[str, str], topics: To
                 f"--log: {path}: {connection.topic} is {connection.msgtype}: must be "
                 f"{types[connection.topic]}"
             )
-        if encoding_of(connection) != CDR:
-            raise ConfigError(
-                f"--log: {path}: {connection.topic} is encoded as {encoding_of(connection)}: must "
-                f"be {CDR}"
-            )
+        if problem := problem_of(connection):
+            raise ConfigError(f"--log: {path}: {connection.topic} {problem}")
     for connection, _, data in bag.messages(wanted):
         _add(found, connection.topic, _decoded(path, connection, data), topics)
 
@@ -106,13 +109,18 @@ def _decoded(path: Path, connection: Any, data: bytes) -> Any:
 def _add(found: _Found, topic: str, message: Any, topics: Topics) -> None:
     if topic in (_STATIC, _MOVING):
         for transform in message.transforms:
-            parent, child = transform.header.frame_id, transform.child_frame_id
+            # ROS 1 begins them with a slash.
+            parent = transform.header.frame_id.lstrip("/")
+            child = transform.child_frame_id.lstrip("/")
             pose = _planar(msg.matrix_from_transform(transform.transform))
             if topic == _STATIC:
                 found.frames[child] = (parent, pose)
-            elif parent.lstrip("/") == "odom" and child.lstrip("/") in _BASES:
+            elif parent == "odom" and child in _BASES:
                 stamp_ns = msg.ns_from_time(transform.header.stamp)
                 found.transforms.append(Entry(stamp_ns, pose, None))
+            else:
+                # Where nothing latches, fixed transforms come again and again.
+                found.frames.setdefault(child, (parent, pose))
         return
     stamp_ns = msg.ns_from_time(message.header.stamp)
     if topic == topics.odom:
@@ -124,7 +132,7 @@ def _add(found: _Found, topic: str, message: Any, topics: Topics) -> None:
         float(message.angle_increment),
         float(message.range_min),
         float(message.range_max),
-        message.header.frame_id,
+        message.header.frame_id.lstrip("/"),
     )
     found.scans.append(Entry(stamp_ns, None, scan))
 

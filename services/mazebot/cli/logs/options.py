@@ -18,7 +18,8 @@ LogFile = Annotated[
     typer.Option(
         "--log",
         help="CSV with the header time_s,odom_x_m,odom_y_m,odom_yaw_rad,range_0,range_1,...; "
-        "CARMEN's FLASER or ROBOTLASER1; *.mcap, *.db3 or a folder of rosbag2 with /odom and /scan",
+        "CARMEN's FLASER or ROBOTLASER1; *.mcap, *.db3, a folder of rosbag2 or a *.bag of ROS 1, "
+        "with /odom and /scan",
     ),
 ]
 ScanTopic = Annotated[str, typer.Option(help="LaserScan of a bag")]

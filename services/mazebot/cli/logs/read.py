@@ -16,16 +16,17 @@ from mazebot.common.files.reading import NotReadableError, most_unpacked, open_r
 
 _GZIP = b"\x1f\x8b"
 _BAGS = (b"\x89MCAP", b"SQLite format 3\0", b"#ROSBAG V")
-_BAG_ENDINGS = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
+_BAG_ENDINGS = (".mcap", ".db3", ".bag", ".mcap.zstd", ".db3.zstd")
 _BEGIN_BYTES = 65_536
 FORMATS = (
     "a CSV file with the header time_s,odom_x_m,odom_y_m,odom_yaw_rad,range_0,range_1,..., a log "
-    "of CARMEN with FLASER or ROBOTLASER1 lines, an MCAP or .db3 file or a folder of rosbag2"
+    "of CARMEN with FLASER or ROBOTLASER1 lines, an MCAP or .db3 file or a folder of rosbag2, a "
+    ".bag of ROS 1"
 )
 
 
 def read_log(path: Path, form: ScanForm, topics: Topics | None = None) -> Log:
-    """Read a log: a bag of ROS 2; CARMEN's lines or CSV, also gzipped.
+    """Read a log: a bag; CARMEN's lines or CSV, also gzipped.
 
     Raises ConfigError with one line that names file, line or topic, and what is wrong.
     """

@@ -19,7 +19,8 @@ def replay(
         str,
         typer.Argument(
             metavar="RUN",
-            help="a run's folder or name, `latest`, an MCAP file, or a folder of rosbag2",
+            help="a run's folder or name, `latest`, an MCAP file, a folder of "
+            "rosbag2, or a .bag of ROS 1",
             autocompletion=run_names,
         ),
     ],

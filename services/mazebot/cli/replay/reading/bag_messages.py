@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from mazebot.cli.bags.bag import CDR, Bag, encoding_of, opened
+from mazebot.cli.bags.bag import Bag, opened, problem_of
 from mazebot.cli.replay.reading.bag_definitions import Decode, UnfitError, decoder_of
 from mazebot.cli.replay.reading.bag_time import BagTime, stamp_of
 from mazebot.cli.replay.reading.recording import Recording
@@ -87,10 +87,8 @@ def _channels(connections: list[Any], recording: Recording) -> dict[int, _Channe
             recording.left_out[connection.topic] = "not a topic of Mazebot"
         elif topic is CLOCK:
             continue
-        elif encoding_of(connection) != CDR:
-            recording.left_out[connection.topic] = (
-                f"is encoded as {encoding_of(connection)}: must be {CDR}"
-            )
+        elif problem := problem_of(connection):
+            recording.left_out[connection.topic] = problem
         elif decode := wire.decoder_of_another_version(
             topic, connection.msgtype, connection.msgdef.data
         ):

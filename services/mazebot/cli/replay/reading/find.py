@@ -32,8 +32,8 @@ def open_recording(directory: Path, name: str, slam: bool = False) -> Recording:
         if path.exists():
             return _open_file(path, slam)
     raise ConfigError(
-        f"replay: {name!r}: must be a run in {directory}, its folder, an MCAP file, or a folder of "
-        "rosbag2"
+        f"replay: {name!r}: must be a run in {directory}, its folder, an MCAP file, a folder of "
+        "rosbag2, or a .bag of ROS 1"
     )
 
 
@@ -57,7 +57,7 @@ def _open_folder(folder: Path, slam: bool) -> Recording:
         )
     raise ConfigError(
         f"replay: {folder}: must contain {MESSAGES} of a run, or {METADATA}, .mcap or .db3 files "
-        "of rosbag2"
+        "of rosbag2, or .bag files of ROS 1"
     )
 
 

@@ -151,7 +151,9 @@ class _Trees:
             elif element.tag == "include":
                 self._include(element, path)
             elif element.tag != "TreeNodesModel":
-                raise ConfigError(f"{element.at}: <{element.tag}> in <root>: must be <BehaviorTree>")
+                raise ConfigError(
+                    f"{element.at}: <{element.tag}> in <root>: must be <BehaviorTree>"
+                )
 
     def _add_tree(self, element: Element, root: Element) -> None:
         name = element.attributes.get("ID")
@@ -172,7 +174,7 @@ class _Trees:
     def _include(self, element: Element, path: Path | None) -> None:
         at = f"{element.at}: <include>"
         if "ros_pkg" in element.attributes:
-            raise ConfigError(f"{at}: ros_pkg: there are no ROS packages here: must be a path alone")
+            raise ConfigError(f"{at}: ros_pkg: there are no packages here: must be a path alone")
         given = element.attributes.get("path")
         if not given:
             raise ConfigError(f"{at}: path is missing")

@@ -1,0 +1,300 @@
+"""Reads bags of ROS 1 (format 2.0): whole, not closed or cut. Messages whose definition is the same
+in ROS 2 come as CDR.
+
+The format: https://wiki.ros.org/Bags/Format/2.0
+"""
+
+from __future__ import annotations
+
+import bz2
+import os
+import struct
+from collections.abc import Callable, Collection, Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import Any, NamedTuple, cast
+
+import lz4.frame  # type: ignore[import-untyped]
+from rosbags.interfaces import (
+    Connection,
+    ConnectionExtRosbag2,
+    MessageDefinition,
+    MessageDefinitionFormat,
+    Nodetype,
+)
+from rosbags.typesys import TypesysError, get_types_from_msg
+from rosbags.typesys.msg import normalize_msgtype
+
+from mazebot.common.files.limits import MAX_CHUNK_BYTES
+from mazebot.common.files.reading import most_unpacked, open_regular
+from mazebot.common.messages import messages as msg
+
+MAGIC = b"#ROSBAG V"
+CDR = "cdr"
+ROS_1 = "ros1"
+"""The encoding of a topic whose messages are not the same in ROS 2."""
+_VERSION = b"2.0\n"
+_MESSAGE, _BAG, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 5, 6, 7
+_MAX_HEAD_BYTES = 65_536
+"""Of a record's head; that of a connection has a few hundred."""
+_U32, _U64, _TIME = struct.Struct("<I"), struct.Struct("<Q"), struct.Struct("<II")
+_HEADER = "std_msgs/msg/Header"
+_RENAMED = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
+_NONE = MessageDefinition(MessageDefinitionFormat.NONE, "")
+_Read = Callable[[int, int], bytes]
+"""Bytes from a place, so many."""
+
+
+class Ros1BagError(ValueError):
+    """A bag that cannot be read; one line of text."""
+
+
+class _Record(NamedTuple):
+    opcode: int
+    fields: dict[bytes, bytes]
+    data_at: int
+    size: int
+    """Bytes of its data, as far as they are there."""
+    is_whole: bool
+
+
+class Ros1Bag:
+    """The topics of a file, and its messages by the time of logging.
+
+    Raises Ros1BagError where it is no such file, OSError where it cannot be read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._connections: dict[int, Connection] = {}
+        self._chunks: list[_Record] = []
+        self.is_whole = False
+        """Whether the file has its end."""
+        self.end_ns = 0
+        """When the last message was logged; 0: there is none."""
+        self.too_large = ""
+        """Why the last chunk that is too large is left out."""
+        self.damaged = 0
+        """Chunks with a part that cannot be read; complete when all messages have been."""
+        with closing(open_regular(path)) as file:
+            self._look_through(_reader(file), os.fstat(file.fileno()).st_size)
+            self._check_sizes(most_unpacked(file))
+            if not self.is_whole or not self._connections:
+                for record in self._chunks:
+                    for log_ns, _, _ in self._inside(_reader(file), record):
+                        self.end_ns = max(self.end_ns, log_ns)
+        self.damaged = 0
+        self.connections = list(self._connections.values())
+
+    def messages(
+        self, connections: Collection[Connection]
+    ) -> Iterator[tuple[Connection, int, bytes]]:
+        """The messages of some topics, those of a chunk by their time: a recorder writes one chunk
+        after the other.
+        """
+        wanted = {connection.id: connection for connection in connections}
+        self.damaged = 0
+        with closing(open_regular(self._path)) as file:
+            for record in self._chunks:
+                found = [one for one in self._inside(_reader(file), record) if one[1] in wanted]
+                for log_ns, number, data in sorted(found, key=lambda one: one[0]):
+                    yield wanted[number], log_ns, _as_cdr(wanted[number], data)
+
+    def _look_through(self, read: _Read, size: int) -> None:
+        """Where the chunks are, and what stands outside of them."""
+        if not read(len(MAGIC), len(_VERSION)) == _VERSION:
+            raise Ros1BagError("must be of format 2.0: rosbag migrate")
+        chunks: int | None = None
+        described = 0
+        for record in _records(read, size, len(MAGIC) + len(_VERSION)):
+            if record.opcode == _BAG and _number(_U64, record.fields, b"index_pos"):
+                chunks = _number(_U32, record.fields, b"chunk_count")
+            elif record.opcode == _CHUNK:
+                self._chunks.append(record)
+            elif record.opcode == _CONNECTION and record.is_whole:
+                self._define(record, read(record.data_at, record.size))
+            elif record.opcode == _CHUNK_INFO:
+                self.end_ns = max(self.end_ns, _time_ns(record.fields, b"end_time"))
+                described += record.is_whole
+        # The description of the last chunk is the end of the file.
+        self.is_whole = chunks == described
+
+    def _check_sizes(self, most: int) -> None:
+        """Raises Ros1BagError where the chunks together would grow to more."""
+        if sum(_number(_U32, chunk.fields, b"size") for chunk in self._chunks) > most:
+            raise Ros1BagError(f"must unpack to at most {most} bytes")
+
+    def _inside(self, read: _Read, record: _Record) -> Iterator[tuple[int, int, bytes]]:
+        """Time, connection and content of the messages of a chunk, as far as they go."""
+        end = 0
+        try:
+            data = _unpacked(record, read(record.data_at, record.size))
+            for inner in _records(lambda at, count: data[at : at + count], len(data)):
+                if not inner.is_whole:
+                    break
+                end = inner.data_at + inner.size
+                content = data[inner.data_at : end]
+                if inner.opcode == _CONNECTION:
+                    self._define(inner, content)
+                elif inner.opcode == _MESSAGE:
+                    number = _number(_U32, inner.fields, b"conn")
+                    yield _time_ns(inner.fields, b"time"), number, content
+        except _TooLargeError as error:
+            self.too_large, end = str(error), -1
+        except Ros1BagError:
+            end = -1
+        else:
+            end = end if end == len(data) else -1
+        # What follows a damaged chunk may be sound. A file that is cut ends in a part of one.
+        self.damaged += end < 0 and record.is_whole
+
+    def _define(self, record: _Record, data: bytes) -> None:
+        number = _number(_U32, record.fields, b"conn")
+        if number in self._connections:
+            return
+        fields = _fields(data)
+        topic, kind, definition = (
+            value.decode(errors="replace")
+            for value in (
+                record.fields.get(b"topic", b""),
+                fields.get(b"type", b""),
+                fields.get(b"message_definition", b""),
+            )
+        )
+        given = normalize_msgtype(kind)
+        name = _RENAMED.get(given, given)
+        encoding = CDR if _is_of_ros_2(given, definition, name) else ROS_1
+        self._connections[number] = Connection(
+            number, f"/{topic.strip('/')}", name, _NONE, "", 0,
+            ConnectionExtRosbag2(encoding, []), self,
+        )  # fmt: skip
+
+
+class _TooLargeError(Ros1BagError):
+    pass
+
+
+def _reader(file: Any) -> _Read:
+    def read(at: int, count: int) -> bytes:
+        file.seek(at)
+        data: bytes = file.read(count)
+        return data
+
+    return read
+
+
+def _records(read: _Read, size: int, at: int = 0) -> Iterator[_Record]:
+    """The records up to a size, in order, until one that is cut off or damaged; of that, what is
+    there of its data.
+    """
+    while at + 2 * _U32.size <= size:
+        (length,) = _U32.unpack(read(at, _U32.size))
+        data_at = at + 2 * _U32.size + length
+        if length > _MAX_HEAD_BYTES or data_at > size:
+            return
+        fields = _fields(read(at + _U32.size, length))
+        if len(fields.get(b"op", b"")) != 1:
+            # A machine that crashed may leave zeros.
+            return
+        (data_size,) = _U32.unpack(read(data_at - _U32.size, _U32.size))
+        is_whole = data_at + data_size <= size
+        yield _Record(fields[b"op"][0], fields, data_at, min(data_size, size - data_at), is_whole)
+        at = data_at + data_size
+
+
+def _fields(head: bytes) -> dict[bytes, bytes]:
+    """The fields of a head; those up to the first that is damaged."""
+    fields, at = {}, 0
+    while at + _U32.size <= len(head):
+        (length,) = _U32.unpack_from(head, at)
+        at += _U32.size
+        name, equals, value = head[at : at + length].partition(b"=")
+        if not equals or at + length > len(head):
+            break
+        fields[name] = value
+        at += length
+    return fields
+
+
+def _number(form: struct.Struct, fields: dict[bytes, bytes], name: bytes) -> int:
+    value = fields.get(name, b"")
+    if len(value) != form.size:
+        raise Ros1BagError(f"a record has no {name.decode()}")
+    return int(form.unpack(value)[0])
+
+
+def _time_ns(fields: dict[bytes, bytes], name: bytes) -> int:
+    value = fields.get(name, b"")
+    if len(value) != _TIME.size:
+        raise Ros1BagError(f"a record has no {name.decode()}")
+    seconds, nanoseconds = _TIME.unpack(value)
+    return int(seconds * 1_000_000_000 + nanoseconds)
+
+
+def _unpacked(record: _Record, data: bytes) -> bytes:
+    """The records of a chunk; of one that is cut, its beginning."""
+    how = record.fields.get(b"compression", b"")
+    most = min(_number(_U32, record.fields, b"size"), MAX_CHUNK_BYTES)
+    try:
+        if how == b"bz2":
+            data = bz2.BZ2Decompressor().decompress(data, most + 1)
+        elif how == b"lz4":
+            data = lz4.frame.LZ4FrameDecompressor().decompress(data, most + 1)
+        elif how != b"none":
+            raise Ros1BagError(f"a chunk is packed by {how.decode(errors='replace')!r:.20}")
+    except (OSError, EOFError, RuntimeError) as error:
+        raise Ros1BagError(f"a chunk cannot be unpacked: {error}") from error
+    if len(data) > most:
+        raise _TooLargeError(f"has more than {most} bytes unpacked")
+    return data
+
+
+def _is_of_ros_2(given: str, definition: str, name: str) -> bool:
+    """Whether messages of a type, by the bag's own definition, have the fields of ROS 2's type:
+    names in another case, as in CameraInfo, are the same bytes. Its header has a number more, which
+    the conversion leaves out.
+    """
+    if name not in msg.TYPESTORE.fielddefs:
+        return False
+    try:
+        types = get_types_from_msg(definition, given)
+    except (TypesysError, ValueError, KeyError, AssertionError):
+        return False
+    return _are_alike(types, given, name)
+
+
+def _are_alike(types: Any, given: str, name: str) -> bool:
+    if given not in types:
+        # Time and duration, which every definition has.
+        return given == name
+    theirs: list[tuple[str, Any]] = types[given][1]
+    ours: list[tuple[str, Any]] = msg.TYPESTORE.fielddefs[name][1]
+    if name == _HEADER:
+        theirs = [one for one in theirs if one[0] != "seq"]
+    if len(theirs) != len(ours):
+        return False
+    for (their_name, what), (our_name, our_what) in zip(theirs, ours, strict=True):
+        if their_name.lower() != our_name.lower():
+            return False
+        kind, inner = what
+        our_kind, our_inner = our_what
+        if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE) and kind == our_kind:
+            if inner[1:] != our_inner[1:]:
+                return False
+            (kind, inner), (our_kind, our_inner) = inner[0], our_inner[0]
+        if kind == our_kind == Nodetype.NAME:
+            if inner != our_inner or not _are_alike(types, inner, our_inner):
+                return False
+        elif (kind, inner) != (our_kind, our_inner):
+            return False
+    return True
+
+
+def _as_cdr(connection: Connection, data: bytes) -> bytes:
+    """A message in CDR; empty, which nobody takes for one, where it is damaged."""
+    if cast("ConnectionExtRosbag2", connection.ext).serialization_format != CDR:
+        return data
+    try:
+        return bytes(msg.TYPESTORE.ros1_to_cdr(data, connection.msgtype))
+    except Exception:
+        return b""
