@@ -198,3 +198,11 @@ def test_random_bytes_are_no_model(tmp_path: Path) -> None:
         with pytest.raises(ConfigError) as refused:
             read(file)
         assert "\n" not in str(refused.value)
+
+
+def test_a_mesh_without_its_materials_is_a_model_and_they_are_named(tmp_path: Path) -> None:
+    file = tmp_path / "wedge.obj"
+    file.write_text(
+        "mtllib gone.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
+    )
+    assert read_mesh(file).missing == ("wedge.obj: 'gone.mtl': no such file",)

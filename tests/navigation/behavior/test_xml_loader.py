@@ -437,3 +437,9 @@ def test_a_tree_is_of_few_files(tmp_path: Path) -> None:
         )
     with pytest.raises(ConfigError, match=f"99.xml:1: <include>: .* {MAX_TREE_FILES} files"):
         read_tree_file(tmp_path / "0.xml")
+
+
+@pytest.mark.parametrize("declaration", ["\n <?xml version='1.0'?>", '<?xml version="0.0" ?>'])
+def test_a_declaration_that_tinyxml_takes_is_taken(declaration: str) -> None:
+    text = declaration + document("<AlwaysSuccess/>")
+    assert read_tree(text, "t.xml").build(run_over()).tick(0) is NodeStatus.SUCCESS

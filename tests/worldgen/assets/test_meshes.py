@@ -172,6 +172,9 @@ def test_a_dae_has_colours_and_textures(tmp_path: Path) -> None:
     path = write(tmp_path / "a.dae", text)
     with pytest.raises(ConfigError, match=r"my%20bricks\.jpg.*no such file"):
         load_mesh(path)
+    missing: list[str] = []
+    assert [part.texture for part in load_mesh(path, missing=missing)] == [None, None]
+    assert missing == ["'my%20bricks.jpg': no such file"]
     picture().save(tmp_path / "my bricks.jpg")
     left, right = load_mesh(path)
     assert left.texture is not None
@@ -304,6 +307,26 @@ def test_files_are_read_from_the_models_folder_only(tmp_path: Path) -> None:
     mtl.unlink()
     with pytest.raises(ConfigError, match=r"house\.mtl.*no such file"):
         load_mesh(path)
+
+
+def test_a_mesh_does_without_materials_and_pictures_that_are_not_there(tmp_path: Path) -> None:
+    path = house(tmp_path)
+    (tmp_path / "materials" / "textures" / "bricks.png").unlink()
+    missing: list[str] = []
+    roof, wall = load_mesh(path, missing=missing)
+    assert missing == ["'../materials/textures/bricks.png': no such file"]
+    assert (roof.texture, wall.texture) == (None, None)
+    assert roof.diffuse == pytest.approx((1.0, 0.2, 0.0, 1.0), abs=0.01)
+    path.with_name("house.mtl").unlink()
+    missing = []
+    plain = load_mesh(path, missing=missing)
+    assert missing == ["'house.mtl': no such file"]
+    assert sum(len(part.mesh.triangles) for part in plain) == 3
+    # What is there and is no picture is a mistake still.
+    (tmp_path / "materials" / "textures" / "bricks.png").write_bytes(b"no picture")
+    path.with_name("house.mtl").write_text(MTL)
+    with pytest.raises(ConfigError, match="is not an image"):
+        load_mesh(path, missing=[])
 
 
 GLB = glb_of(some_parts()[:1])

@@ -517,3 +517,17 @@ def test_a_wood_of_300_cylinders_is_quick(tmp_path: Path) -> None:
     world = imported(tmp_path, inside)
     assert len(world.recipe["bodies"]) == 300
     assert time.process_time() - begin < 5.0
+
+
+def test_a_mesh_whose_materials_are_not_there_stands_and_it_is_told(tmp_path: Path) -> None:
+    (tmp_path / "wedge.obj").write_text(
+        "mtllib gone.mtl\nusemtl red\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
+        "f 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
+    )
+    mesh = "<geometry><mesh><uri>wedge.obj</uri></mesh></geometry>"
+    world = imported(tmp_path, model("wedge", link("l", both(mesh, look=""))))
+    assert world.report.errors == ()
+    (body,) = world.recipe["bodies"]
+    assert [shape.get("solid", True) for shape in body["shapes"]] == [True]
+    (found,) = world.report.missing
+    assert (found.kind, found.message) == ("URI_LOOKUP", "wedge.obj: 'gone.mtl': no such file")

@@ -306,6 +306,8 @@ PLAIN = f'<sdf version="1.9"><world name="w"><model name="m">{LINK}</model></wor
             "latin-1"
         ),
         ("\n \n<?xml version='1.0'?>\n" + PLAIN).encode(),
+        ('<?xml version="0.0" ?>' + PLAIN).encode(),
+        ("\n<?xml version = '2.0' encoding='utf-8'?>" + PLAIN).encode(),
         PLAIN.replace(">", ">\r\n").encode(),
         PLAIN.replace("<sdf", '<sdf xmlns="http://sdformat.org/root"').encode(),
         PLAIN.replace("<link", "<!-- a --><link").replace("1 1 1", "1 <!-- b -->1\n\t1").encode(),
@@ -316,7 +318,8 @@ PLAIN = f'<sdf version="1.9"><world name="w"><model name="m">{LINK}</model></wor
         PLAIN.replace("<link", f"<!-- {XACRO} --><link").encode(),
     ],
     ids=[
-        *("mark", "utf-16", "latin-1", "late", "crlf", "namespace", "comments", "cdata"),
+        *("mark", "utf-16", "latin-1", "late", "version 0", "late version 2"),
+        *("crlf", "namespace", "comments", "cdata"),
         *("hyphens", "hyphens around", "anything", "xacro"),
     ],
 )

@@ -34,10 +34,18 @@ def read_bytes(path: Path) -> bytes:
         raise MeshError(str(error)) from error
 
 
+class MissingFileError(MeshError):
+    """A picture or a library of materials that is not there: the mesh is one without it."""
+
+
 class MeshFiles(Resolver):
     """The files that a mesh file refers to."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, missing: list[str] | None = None) -> None:
+        """Pictures and materials that are not there are appended to `missing`; without it, the
+        first is the problem.
+        """
+        self._missing = missing
         self._folder = path.resolve().parent
         above = [self._folder, *self._folder.parents]
         models = (folder for folder in above if (folder / "model.config").is_file())
@@ -52,6 +60,12 @@ class MeshFiles(Resolver):
         """Contents of a file. Raises MeshError."""
         try:
             data = read_bytes(self._find(name))
+        except MissingFileError as error:
+            if self._missing is None or name.lower().endswith(".bin"):
+                self.problem = self.problem or error
+            elif str(error) not in self._missing:
+                self._missing.append(str(error))
+            raise
         except MeshError as error:
             self.problem = self.problem or error
             raise
@@ -107,8 +121,9 @@ class MeshFiles(Resolver):
                     return found
             elif found.exists():
                 outside = True
-        wrong = f"must lie in {self._root}" if outside else "no such file"
-        raise MeshError(f"{shown_value(name)}: {wrong}")
+        if outside:
+            raise MeshError(f"{shown_value(name)}: must lie in {self._root}")
+        raise MissingFileError(f"{shown_value(name)}: no such file")
 
 
 def bare_lines(text: bytes) -> bytes:

@@ -31,7 +31,13 @@ from mazebot.common.maths.frames import Array
 from mazebot.common.messages.documents import Rgba
 from mazebot.common.problems import shown_value, words
 from mazebot.common.world.geometry import MAX_TRIANGLES, TriangleMesh
-from mazebot.worldgen.assets.mesh_files import MeshError, MeshFiles, bare_lines, read_bytes
+from mazebot.worldgen.assets.mesh_files import (
+    MeshError,
+    MeshFiles,
+    MissingFileError,
+    bare_lines,
+    read_bytes,
+)
 from mazebot.worldgen.xml_comments import without_comments
 
 MAX_NODES = 20_000
@@ -63,20 +69,25 @@ class MeshPart:
 
 
 def load_mesh(
-    path: Path, submesh: str | None = None, center: bool = False, data: bytes | None = None
+    path: Path,
+    submesh: str | None = None,
+    center: bool = False,
+    data: bytes | None = None,
+    missing: list[str] | None = None,
 ) -> tuple[MeshPart, ...]:
     """The parts of a mesh in a file, one for each material, in metres.
 
     `submesh` is the name of a node or geometry: only its parts are taken. `center` moves the middle
     of their bounding box to the origin. Triangles without area are dropped; if the file has no
     normals, those of the triangles are used. Files that it refers to are read from its model's
-    folder, the one with a model.config; else from the folder above its own. `data` is the file's
-    content, if it is known already.
+    folder, the one with a model.config; else from the folder above its own. Pictures and materials
+    that are not there are appended to `missing`, a phrase each, and done without; if it is None,
+    that is an error. `data` is the file's content, if it is known already.
 
     Raises ConfigError with one line for a file that is missing, too large or damaged.
     """
     try:
-        return _load(path, submesh, center, data)
+        return _load(path, submesh, center, data, missing)
     except MeshError as error:
         raise ConfigError(words(f"{path}: {error}")) from error
     except OSError as error:
@@ -106,14 +117,14 @@ class _Piece:
 
 
 def _load(
-    path: Path, submesh: str | None, center: bool, data: bytes | None
+    path: Path, submesh: str | None, center: bool, data: bytes | None, missing: list[str] | None
 ) -> tuple[MeshPart, ...]:
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise MeshError(f"must be one of {', '.join(SUFFIXES)}")
     if data is None:
         data = read_bytes(path)
-    files = MeshFiles(path)
+    files = MeshFiles(path, missing)
     with warnings.catch_warnings(), _quiet():
         warnings.simplefilter("ignore")
         read = {".dae": _read_dae, ".stl": _read_stl, ".obj": _read_obj}.get(suffix, _read_gltf)
@@ -416,7 +427,10 @@ def _dae_look(
     if isinstance(diffuse, collada.material.Map):
         name = str(diffuse.sampler.surface.image.path)
         if name not in pictures:
-            pictures[name] = Image.open(io.BytesIO(files.get(name)))
+            try:
+                pictures[name] = Image.open(io.BytesIO(files.get(name)))
+            except MissingFileError:
+                return None, None, ""
         return None, pictures[name], name.replace("\\", "/").rpartition("/")[2]
     return _rgba([float(value) for value in diffuse]), None, ""
 

@@ -127,7 +127,8 @@ def read_mesh(path: Path, scale: Sequence[float] = (1.0, 1.0, 1.0)) -> Model:
     # Imports of mesh readers are slow.
     from mazebot.worldgen.assets.meshes import load_mesh  # noqa: PLC0415
 
-    parts = load_mesh(path)
+    missing: list[str] = []
+    parts = load_mesh(path, missing=missing)
     geometry = {"kind": "mesh", "file": "mesh", "scale": list(scale)}
     shape = {"name": "mesh", "geometry": geometry, "material": "mesh"}
     recipe = {
@@ -138,7 +139,8 @@ def read_mesh(path: Path, scale: Sequence[float] = (1.0, 1.0, 1.0)) -> Model:
         "wall_materials": ["white"],
         "bodies": [{"name": "mesh", "position_m": [0.0, 0.0, 0.0], "shapes": [shape]}],
     }
-    return _made(path, recipe, {}, {"mesh": parts})
+    made = _made(path, recipe, {}, {"mesh": parts})
+    return dataclasses.replace(made, missing=tuple(f"{path.name}: {one}" for one in missing))
 
 
 def lowest_m(

@@ -300,7 +300,7 @@ class _Conversion:
         key = (part.mesh_file, geometry.submesh, geometry.center)
         if key not in self._meshes:
             try:
-                self._meshes[key] = self._mesh(*key)
+                self._meshes[key] = self._mesh(*key, part.where)
             except ConfigError as error:
                 self._lack(part, "MESH_INVALID", str(error))
                 return None
@@ -308,16 +308,21 @@ class _Conversion:
         named = {"kind": "mesh", "file": file}
         return {**named, **({"submesh": submesh} if submesh else {}), "scale": list(geometry.scale)}
 
-    def _mesh(self, file: Path, submesh: str | None, center: bool) -> tuple[str, str | None]:
+    def _mesh(
+        self, file: Path, submesh: str | None, center: bool, where: str
+    ) -> tuple[str, str | None]:
         """Add a mesh to the files: the name of its file, and the submesh. Raises ConfigError."""
         # Imports of mesh readers are slow, and most worlds have none.
         from mazebot.worldgen.assets.glb import glb_of  # noqa: PLC0415
         from mazebot.worldgen.assets.meshes import load_mesh  # noqa: PLC0415
 
-        whole = load_mesh(file)
+        missing: list[str] = []
+        whole = load_mesh(file, missing=missing)
+        for phrase in missing:
+            self._missing.append(self._found("URI_LOOKUP", where, f"{file.name}: {phrase}"))
         if submesh is None and not center:
             return self._file("meshes", file.stem, ".glb", glb_of(whole)), None
-        chosen = glb_of(load_mesh(file, submesh, center))
+        chosen = glb_of(load_mesh(file, submesh, center, missing=missing))
         named = tuple(part for part in whole if part.name == submesh)
         if named and glb_of(named) == chosen:
             return self._file("meshes", file.stem, ".glb", glb_of(whole)), submesh

@@ -8,6 +8,7 @@ from xml.parsers import expat
 
 from mazebot.common.config import ConfigError
 from mazebot.common.files.limits import MAX_TREE_ELEMENTS
+from mazebot.common.files.xml_declaration import with_sound_declaration
 
 
 @dataclass
@@ -72,7 +73,8 @@ def parse(text: str | bytes, source: str) -> Element:
     parser.EntityDeclHandler = refuse
     try:
         # With a byte order mark or an encoding of its own, bytes are read by the parser.
-        parser.Parse(text.encode() if isinstance(text, str) else text, True)
+        data = text.encode() if isinstance(text, str) else text
+        parser.Parse(with_sound_declaration(data), True)
     except expat.ExpatError as error:
         what = expat.ErrorString(error.code)
         raise ConfigError(f"{source}:{error.lineno}: not well-formed XML: {what}") from None

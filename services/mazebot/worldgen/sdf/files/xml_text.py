@@ -9,11 +9,11 @@ from lxml import etree
 
 from mazebot.common.files.limits import MAX_DOCUMENT_BYTES
 from mazebot.common.files.reading import NotReadableError, read_limited, reason
+from mazebot.common.files.xml_declaration import with_sound_declaration
 from mazebot.worldgen.xml_comments import without_comments
 
 MAX_FILE_BYTES = MAX_DOCUMENT_BYTES
 
-_LATE_DECLARATION = re.compile(rb"\A(\s+)(<\?xml\s[^>]*\?>)")
 _FORBIDDEN = (b"<!DOCTYPE", b"<!ENTITY")
 
 
@@ -58,15 +58,15 @@ def tree_of(data: bytes) -> etree._Element:
     """The root element, without comments and processing instructions.
 
     As in SDFormat's own parser an undeclared prefix stays a part of the name, a namespace without a
-    prefix is ignored, a comment may contain `--`, and there may be space before the declaration.
+    prefix is ignored, a comment may contain `--`, and there may be space before the declaration,
+    which may have any version.
     Raises UnreadableError.
     """
     data = without_comments(data)
     if not data.strip():
         raise UnreadableError("is empty, must be XML")
     data = without_doctype(data)
-    # Space is moved behind the declaration, so that line numbers are kept.
-    data = _LATE_DECLARATION.sub(rb"\2\1", data, count=1)
+    data = with_sound_declaration(data)
     root, problem = _parsed(data, recover=False)
     if root is None and _only_prefixes(data):
         root, problem = _parsed(data, recover=True)

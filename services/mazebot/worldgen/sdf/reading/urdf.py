@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from lxml import etree
 
 from mazebot.worldgen.sdf.reading.findings import local_name
 
 VERSION = "1.9"
 _WEIGHTLESS_KG = "1e-6"
-"""Of a link without an inertial, if others have one: negligible."""
+"""Of a link without an inertial, or of mass 0, if others have one: negligible."""
 _ATTRIBUTES = {
     "box": ("size",),
     "cylinder": ("radius", "length"),
@@ -20,16 +22,17 @@ _ATTRIBUTES = {
 def sdf_of(robot: etree._Element) -> etree._Element:
     """The root <sdf> with one model.
 
-    A child link's pose is relative to its parent's, by its joint. A robot without any mass is
-    static, and so is one whose root is the link `world`. Elements without a meaning here
-    (transmissions, extensions) are kept as they are, to be listed by the reader.
+    A child link's pose is relative to its parent's, by its joint. A robot without any mass, or of
+    mass 0 as PyBullet has it, is static, and so is one whose root is the link `world`. Elements
+    without a meaning here (transmissions, extensions) are kept as they are, to be listed by the
+    reader.
     """
     root = _like(robot, "sdf", version=VERSION)
     model = _add(root, robot, "model", name=robot.get("name") or "")
     links = [one for one in robot if _tag(one) == "link"]
     joints = [one for one in robot if _tag(one) == "joint"]
     looks = {one.get("name"): one for one in robot if _tag(one) == "material"}
-    has_mass = any(link.find("inertial") is not None for link in links)
+    has_mass = any(link.find("inertial") is not None and not _is_massless(link) for link in links)
     if not has_mass:
         _add(model, robot, "static").text = "true"
     joint_to = {_end(joint, "child"): joint for joint in joints}
@@ -53,14 +56,29 @@ def sdf_of(robot: etree._Element) -> etree._Element:
                 taken.add(name)
                 _shape(converted, shape, role, name, looks)
         _keep(converted, link, ("inertial", "visual", "collision"))
-    for joint in joints:
-        _joint(model, joint)
+    for joint, name in _named(joints, links):
+        _joint(model, joint, name)
     _keep(model, robot, ("link", "joint", "material"))
     return root
 
 
-def _joint(model: etree._Element, joint: etree._Element) -> None:
-    converted = _add(model, joint, "joint", name=joint.get("name"), type=joint.get("type"))
+def _named(
+    joints: list[etree._Element], links: list[etree._Element]
+) -> Iterator[tuple[etree._Element, str | None]]:
+    """Joints with their names: that of a link gets `_joint` added, since in SDF it is taken."""
+    of_links = {link.get("name") for link in links}
+    taken = of_links | {joint.get("name") for joint in joints}
+    for joint in joints:
+        name = joint.get("name")
+        if name in of_links:
+            while name in taken:
+                name = f"{name}_joint"
+            taken.add(name)
+        yield joint, name
+
+
+def _joint(model: etree._Element, joint: etree._Element, name: str | None) -> None:
+    converted = _add(model, joint, "joint", name=name, type=joint.get("type"))
     for role in ("parent", "child"):
         end = joint.find(role)
         if end is not None:
@@ -74,8 +92,19 @@ def _inertial(link: etree._Element, urdf: etree._Element, has_mass: bool) -> Non
     at = urdf if inertial is None else inertial
     converted = _add(link, at, "inertial")
     mass = None if inertial is None else inertial.find("mass")
-    text = _WEIGHTLESS_KG if inertial is None else "" if mass is None else mass.get("value")
+    text: str | None = "" if mass is None else mass.get("value")
+    if inertial is None or (has_mass and _is_massless(urdf)):
+        text = _WEIGHTLESS_KG
     _add(converted, at if mass is None else mass, "mass").text = text
+
+
+def _is_massless(link: etree._Element) -> bool:
+    """Whether a link has a mass of 0."""
+    mass = link.find("inertial/mass")
+    try:
+        return mass is not None and float(mass.get("value") or "") == 0.0
+    except ValueError:
+        return False
 
 
 def _shape(
