@@ -16,7 +16,6 @@ from mazebot.cli.logs.read import read_log
 from mazebot.cli.replay.reading.find import open_recording
 from mazebot.cli.replay.reading.replayed import in_time
 from mazebot.common.config import ConfigError
-from mazebot.common.files.limits import MAX_CHUNK_BYTES
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages import wire
 from mazebot.common.messages.topics import SCAN
@@ -153,7 +152,7 @@ def packed_bomb(tmp_path: Path, declared: int | None) -> Path:
     """A bag whose first chunk, of one message of odometry, is exchanged for a bomb."""
     bag = ros1.write(tmp_path / "drive.bag", ros1.drive(range(4)), "bz2", chunk=100)
     data = bag.read_bytes()
-    bomb = bz2.compress(bytes(MAX_CHUNK_BYTES + 1))
+    bomb = bz2.compress(bytes(4_000_000))
     at = data.index(b"BZh")
     (size,) = struct.unpack_from("<I", data, at - 4)
     head = data[: at - 4]
