@@ -16,6 +16,7 @@ from mazebot.cli.logs.read import read_log
 from mazebot.cli.replay.reading.find import open_recording
 from mazebot.cli.replay.reading.replayed import in_time
 from mazebot.common.config import ConfigError
+from mazebot.common.files.limits import MAX_CHUNK_BYTES
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages import wire
 from mazebot.common.messages.topics import SCAN
@@ -133,6 +134,35 @@ def test_a_bag_that_was_never_closed_is_read(
     active.write_bytes(data[:at] + bytes(8) + data[at + 8 : index] + bytes(100))
     assert steps_of(read_log(active, ScanForm())) == [*range(8)]
     assert "is cut: read as far as it goes" in capsys.readouterr().err
+
+
+def test_a_damaged_index_costs_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bag = ros1.write(tmp_path / "drive.bag", ros1.drive(range(8)), chunk=2000)
+    data = bag.read_bytes()
+    for name, other in ((b"end_time=", b"end_date="), (b"chunk_count=", b"chunk_tally=")):
+        data = data.replace(name, other)
+    bag.write_bytes(data)
+    assert steps_of(read_log(bag, ScanForm())) == [*range(8)]
+    assert "read as far as it goes" in capsys.readouterr().err
+
+
+def test_a_chunk_larger_than_may_be_is_not_even_read(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = ros1.write(tmp_path / "drive.bag", ros1.drive(range(3)), chunk=2000)
+    head = b"".join(
+        struct.pack("<I", len(field)) + field
+        for field in (b"op=\x05", b"compression=none", b"size=\0\0\0\0")
+    )
+    size = MAX_CHUNK_BYTES + 1
+    with bag.open("r+b") as file:
+        file.seek(0, 2)
+        file.write(struct.pack("<I", len(head)) + head + struct.pack("<I", size))
+        # A sparse file: it takes no room.
+        file.truncate(file.tell() + size)
+    assert steps_of(read_log(bag, ScanForm())) == [*range(3)]
+    told = capsys.readouterr().err
+    assert f"has {size} bytes, must have at most {MAX_CHUNK_BYTES}" in told
 
 
 def test_a_damaged_chunk_is_left_out_and_told(

@@ -10,7 +10,7 @@ import bz2
 import os
 import struct
 from collections.abc import Callable, Collection, Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -25,7 +25,7 @@ from rosbags.interfaces import (
 from rosbags.typesys import TypesysError, get_types_from_msg
 from rosbags.typesys.msg import normalize_msgtype
 
-from mazebot.common.files.limits import MAX_CHUNK_BYTES
+from mazebot.common.files.limits import MAX_CHUNK_BYTES, MAX_TEXT_BYTES
 from mazebot.common.files.reading import most_unpacked, open_regular
 from mazebot.common.messages import messages as msg
 
@@ -107,15 +107,17 @@ class Ros1Bag:
         chunks: int | None = None
         described = 0
         for record in _records(read, size, len(MAGIC) + len(_VERSION)):
-            if record.opcode == _BAG and _number(_U64, record.fields, b"index_pos"):
-                chunks = _number(_U32, record.fields, b"chunk_count")
-            elif record.opcode == _CHUNK:
+            if record.opcode == _CHUNK:
                 self._chunks.append(record)
-            elif record.opcode == _CONNECTION and record.is_whole:
-                self._define(record, read(record.data_at, record.size))
-            elif record.opcode == _CHUNK_INFO:
-                self.end_ns = max(self.end_ns, _time_ns(record.fields, b"end_time"))
-                described += record.is_whole
+            # The index is not needed: where it is damaged, the chunks tell.
+            with suppress(Ros1BagError):
+                if record.opcode == _BAG and _number(_U64, record.fields, b"index_pos"):
+                    chunks = _number(_U32, record.fields, b"chunk_count")
+                elif record.opcode == _CONNECTION and record.is_whole:
+                    self._define(record, _content(read, record, MAX_TEXT_BYTES))
+                elif record.opcode == _CHUNK_INFO and record.is_whole:
+                    self.end_ns = max(self.end_ns, _time_ns(record.fields, b"end_time"))
+                    described += 1
         # The description of the last chunk is the end of the file.
         self.is_whole = chunks == described
 
@@ -128,7 +130,7 @@ class Ros1Bag:
         """Time, connection and content of the messages of a chunk, as far as they go."""
         end = 0
         try:
-            data = _unpacked(record, read(record.data_at, record.size))
+            data = _unpacked(record, _content(read, record, MAX_CHUNK_BYTES))
             for inner in _records(lambda at, count: data[at : at + count], len(data)):
                 if not inner.is_whole:
                     break
@@ -181,6 +183,13 @@ def _reader(file: Any) -> _Read:
         return data
 
     return read
+
+
+def _content(read: _Read, record: _Record, most: int) -> bytes:
+    """The data of a record, of at most so many bytes."""
+    if record.size > most:
+        raise _TooLargeError(f"has {record.size} bytes, must have at most {most}")
+    return read(record.data_at, record.size)
 
 
 def _records(read: _Read, size: int, at: int = 0) -> Iterator[_Record]:
