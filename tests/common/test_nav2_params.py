@@ -456,6 +456,36 @@ def test_the_class_of_the_controller_chooses_ours() -> None:
     assert dwb.settings == {"navigation": {"controller_server": {"mppi": {"vx_max": 0.22}}}}
 
 
+@pytest.mark.parametrize(
+    ("plugin", "values", "limits"),
+    [
+        ("nav2_graceful_controller::GracefulController",
+         {"v_linear_max": 0.1, "v_angular_max": 0.6}, {"vx_max": 0.1, "wz_max": 0.6}),
+        ("teb_local_planner::TebLocalPlannerROS",
+         {"max_vel_x": 0.2, "max_vel_theta": 0.5, "acc_lim_x": 0.4}, {"vx_max": 0.2, "wz_max": 0.5,
+                                                                     "ax_max": 0.4}),
+        ("vector_pursuit_controller::VectorPursuitController",
+         {"desired_linear_vel": 0.15}, {"vx_max": 0.15}),
+        # More than the robot can.
+        ("my_controllers::Fast", {"max_linear_vel": 3.0}, {"vx_max": 0.46}),
+    ],
+)  # fmt: skip
+def test_the_limits_of_a_controller_that_is_not_here_are_kept(
+    plugin: str, values: dict[str, float], limits: dict[str, float]
+) -> None:
+    given = {"FollowPath": {"plugin": plugin, "own_gain": 7.0, **values}}
+    told = report(load(controller_server=given), MODELS)
+    assert told.settings == {"navigation": {"controller_server": {"mppi": limits}}}
+    for name in values:
+        row = row_of(told, f"controller_server.FollowPath.{name}")
+        assert row.status == "mapped"
+        assert "the controller is not supported: MPPI keeps to its limits" in row.note
+    assert row_of(told, "controller_server.FollowPath.own_gain").status in {
+        "unsupported",
+        "unknown",
+    }
+
+
 def test_only_the_first_controller_is_taken() -> None:
     told = report(
         load(controller_server={
@@ -652,6 +682,7 @@ controller_server:
         ),
         ("dwb_core::DWBLocalPlanner", "max_vel_x: 0.2", {"mppi": {"vx_max": 0.2}}),
         ("nav2_graceful_controller::GracefulController", "k_phi: 2.0", {}),
+        ("teb_local_planner::TebLocalPlannerROS", "max_vel_x: 0.2", {"mppi": {"vx_max": 0.2}}),
     ],
 )
 def test_a_rotation_shim_is_its_primary_controller(

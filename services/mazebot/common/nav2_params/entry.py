@@ -88,7 +88,8 @@ def child_of(group: Group, kind: str, space: str, values: Mapping[str, Value]) -
     `space` is its name in the file. A plugin that stands before another one shares it.
     """
     child = group.kinds.get(kind)
-    primary = group.kinds.get(wrapped_class(group, kind, space, values))
+    wrapped = wrapped_class(group, kind, space, values)
+    primary = group.kinds.get(wrapped, group.others if wrapped else None)
     return joined(child, primary) if child is not None and primary is not None else child
 
 

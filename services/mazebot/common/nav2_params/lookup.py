@@ -79,6 +79,9 @@ def _found(
                 entry, knowledge="plugin", group=group, place=where,
                 value=wrapped_class(group, kind, inner, values),
             )  # fmt: skip
+        elif child is None and kind and group.others and rest in group.others.parameters:
+            where = f"{place}.{group.others.place}"
+            found = _found(entry, group.others, rest, f"{inner}.", where, values)
         elif child is None:
             why = f"{kind} is not supported" if kind else f"{head}.{group.key} is missing"
             found = entry

@@ -77,6 +77,8 @@ class Group:
     the parameter that names the other's class."""
     last: str = ""
     """The class that must be listed after the others; "": none."""
+    others: Namespace | None = None
+    """What is taken of the parameters of any other class."""
 
 
 @dataclass(frozen=True)

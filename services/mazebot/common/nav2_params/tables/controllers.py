@@ -41,25 +41,29 @@ cost_scaling_gain double 1.0 >=0
 """,
 )
 
+_LIMITED = "the controller is not supported: MPPI keeps to its limits"
+
 _GRACEFUL = namespace(
-    "graceful",
-    """
+    "mppi",
+    f"""
+v_linear_max double 0.5 >=0 =vx_max:max_speed # {_LIMITED}
+v_angular_max double 1.0 >=0 =wz_max:max_turn # {_LIMITED}
 - min_lookahead max_lookahead max_robot_pose_search_dist k_phi k_delta beta lambda v_linear_min
-- v_linear_max v_angular_max v_angular_min_in_place slowdown_radius initial_rotation
+- v_angular_min_in_place slowdown_radius initial_rotation
 - initial_rotation_tolerance prefer_final_rotation rotation_scaling_factor allow_backward
 - in_place_collision_resolution use_collision_detection
 """,
-    note="there is no graceful controller",
+    note="GracefulController is not supported",
 )
 
 _DWB = namespace(
     "mppi",
-    """
-max_vel_x double 0.0 >=0 =vx_max:max_speed # DWB is not supported: MPPI keeps to its limits
-max_vel_theta double 0.0 >=0 =wz_max:max_turn # DWB is not supported: MPPI keeps to its limits
-acc_lim_x double 0.0 >=0 =ax_max:max_accel # DWB is not supported: MPPI keeps to its limits
-decel_lim_x double 0.0 <=0 =ax_min:min_accel # DWB is not supported: MPPI keeps to its limits
-acc_lim_theta double 0.0 >=0 =az_max:max_turn_accel # DWB is not supported: MPPI keeps to its limits
+    f"""
+max_vel_x double 0.0 >=0 =vx_max:max_speed # {_LIMITED}
+max_vel_theta double 0.0 >=0 =wz_max:max_turn # {_LIMITED}
+acc_lim_x double 0.0 >=0 =ax_max:max_accel # {_LIMITED}
+decel_lim_x double 0.0 <=0 =ax_min:min_accel # {_LIMITED}
+acc_lim_theta double 0.0 >=0 =az_max:max_turn_accel # {_LIMITED}
 - min_vel_x decel_lim_theta min_vel_y max_vel_y acc_lim_y decel_lim_y min_speed_xy max_speed_xy
 - min_speed_theta debug_trajectory_details vx_samples vy_samples vtheta_samples sim_time
 - sim_granularity time_granularity discretize_by_time linear_granularity angular_granularity
@@ -78,6 +82,21 @@ acc_lim_theta double 0.0 >=0 =az_max:max_turn_accel # DWB is not supported: MPPI
 """,
     note="DWB is not supported",
 )
+
+_OTHERS = namespace(
+    "mppi",
+    f"""
+max_vel_x double - >=0 =vx_max:max_speed # {_LIMITED}
+max_linear_vel double - >=0 =vx_max:max_speed # {_LIMITED}
+desired_linear_vel double - >=0 =vx_max:max_speed # {_LIMITED}
+max_vel_theta double - >=0 =wz_max:max_turn # {_LIMITED}
+max_angular_vel double - >=0 =wz_max:max_turn # {_LIMITED}
+acc_lim_x double - >=0 =ax_max:max_accel # {_LIMITED}
+acc_lim_theta double - >=0 =az_max:max_turn_accel # {_LIMITED}
+""",
+)
+"""The limits of controllers that are none of Nav2's own, such as teb_local_planner and
+vector_pursuit_controller: the robot must not be faster than it was told."""
 
 _SHIM = namespace(
     "rotation_shim",
@@ -136,6 +155,7 @@ _GROUPS = (
             "RegulatedPurePursuitController": "regulated_pure_pursuit",
         },
         wraps={"RotationShimController": "primary_controller"},
+        others=_OTHERS,
     ),
     Group(
         "goal_checker_plugins",
