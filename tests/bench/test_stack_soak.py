@@ -89,6 +89,15 @@ def test_what_a_run_wrote_stays_until_it_has_held(
     (line,) = capsys.readouterr().err.splitlines()
     assert str(kept.parent) in line
 
+    def is_interrupted() -> None:
+        with scratch_folder("soak-"):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        is_interrupted()
+    assert list(tmp_path.glob("soak-*")) == [kept.parent]
+    assert not capsys.readouterr().err
+
 
 @pytest.mark.parametrize("arguments", [["--minutes", "0"], ["--minutes-a-world", "0"]])
 def test_what_cannot_be_done_is_one_line(

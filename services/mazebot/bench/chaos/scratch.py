@@ -22,11 +22,14 @@ class Scratch:
 @contextmanager
 def scratch_folder(prefix: str) -> Iterator[Scratch]:
     """A temporary folder that is deleted at the end unless it is still needed; then a line on
-    stderr says where it is.
+    stderr says where it is. After Ctrl-C nobody needs it.
     """
     scratch = Scratch(Path(tempfile.mkdtemp(prefix=prefix)))
     try:
         yield scratch
+    except KeyboardInterrupt:
+        scratch.is_needed = False
+        raise
     finally:
         if scratch.is_needed:
             sys.stderr.write(f"kept, with recordings and logs: {scratch.path}\n")
