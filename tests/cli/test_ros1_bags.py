@@ -11,28 +11,17 @@ import numpy as np
 import pytest
 
 from mazebot.cli.bags.bag import opened, problem_of
-from mazebot.cli.logs.log import Log, ScanForm, Topics
+from mazebot.cli.logs.log import ScanForm, Topics
 from mazebot.cli.logs.read import read_log
 from mazebot.cli.replay.reading.find import open_recording
 from mazebot.cli.replay.reading.replayed import in_time
-from mazebot.common.config import ConfigError
 from mazebot.common.files.limits import MAX_CHUNK_BYTES
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages import wire
 from mazebot.common.messages.topics import SCAN
 from tests.cli import ros1
 from tests.cli.test_app import mazebot
-
-
-def steps_of(log: Log) -> list[float]:
-    return [float(one.scan.ranges_m[0]) for one in log.entries if one.scan]
-
-
-def refused(path: Path, topics: Topics | None = None) -> str:
-    with pytest.raises(ConfigError) as error:
-        read_log(path, ScanForm(), topics)
-    assert "\n" not in str(error.value)
-    return str(error.value)
+from tests.cli.test_logs import refused, steps_of
 
 
 @pytest.mark.parametrize("packed", ["", "bz2", "lz4"])

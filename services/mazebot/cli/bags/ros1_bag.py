@@ -10,7 +10,7 @@ import bz2
 import os
 import struct
 from collections.abc import Callable, Collection, Iterator
-from contextlib import closing, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -76,7 +76,7 @@ class Ros1Bag:
         """Why the last chunk that is too large is left out."""
         self.damaged = 0
         """Chunks with a part that cannot be read; complete when all messages have been."""
-        with closing(open_regular(path)) as file:
+        with open_regular(path) as file:
             self._look_through(_reader(file), os.fstat(file.fileno()).st_size)
             self._check_sizes(most_unpacked(file))
             if not self.is_whole or not self._connections:
@@ -94,7 +94,7 @@ class Ros1Bag:
         """
         wanted = {connection.id: connection for connection in connections}
         self.damaged = 0
-        with closing(open_regular(self._path)) as file:
+        with open_regular(self._path) as file:
             for record in self._chunks:
                 found = [one for one in self._inside(_reader(file), record) if one[1] in wanted]
                 for log_ns, number, data in sorted(found, key=lambda one: one[0]):
@@ -102,7 +102,7 @@ class Ros1Bag:
 
     def _look_through(self, read: _Read, size: int) -> None:
         """Where the chunks are, and what stands outside of them."""
-        if not read(len(MAGIC), len(_VERSION)) == _VERSION:
+        if read(len(MAGIC), len(_VERSION)) != _VERSION:
             raise Ros1BagError("must be of format 2.0: rosbag migrate")
         chunks: int | None = None
         described = 0
@@ -225,19 +225,20 @@ def _fields(head: bytes) -> dict[bytes, bytes]:
     return fields
 
 
-def _number(form: struct.Struct, fields: dict[bytes, bytes], name: bytes) -> int:
+def _numbers(form: struct.Struct, fields: dict[bytes, bytes], name: bytes) -> tuple[int, ...]:
     value = fields.get(name, b"")
     if len(value) != form.size:
         raise Ros1BagError(f"a record has no {name.decode()}")
-    return int(form.unpack(value)[0])
+    return form.unpack(value)
+
+
+def _number(form: struct.Struct, fields: dict[bytes, bytes], name: bytes) -> int:
+    return _numbers(form, fields, name)[0]
 
 
 def _time_ns(fields: dict[bytes, bytes], name: bytes) -> int:
-    value = fields.get(name, b"")
-    if len(value) != _TIME.size:
-        raise Ros1BagError(f"a record has no {name.decode()}")
-    seconds, nanoseconds = _TIME.unpack(value)
-    return int(seconds * 1_000_000_000 + nanoseconds)
+    seconds, nanoseconds = _numbers(_TIME, fields, name)
+    return seconds * 1_000_000_000 + nanoseconds
 
 
 def _unpacked(record: _Record, data: bytes) -> bytes:

@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from mazebot.common.node.node import Outbox
 
-_ROS_NAMES = {"WARNING": "WARN", "CRITICAL": "FATAL"}
+LEVELS = {
+    "DEBUG": logging.DEBUG,
+    "INFO": logging.INFO,
+    "WARN": logging.WARNING,
+    "ERROR": logging.ERROR,
+    "FATAL": logging.CRITICAL,
+}
+"""By their names in ROS 2."""
+_ROS_NAMES = {level: name for name, level in LEVELS.items()}
 
 
 class RosFormatter(logging.Formatter):
@@ -18,7 +26,7 @@ class RosFormatter(logging.Formatter):
 
     def format(self, record: logging.LogRecord) -> str:
         """The line of a record; of an exception only the message, without the traceback."""
-        level = _ROS_NAMES.get(record.levelname, record.levelname)
+        level = _ROS_NAMES.get(record.levelno, record.levelname)
         text = record.getMessage()
         if record.exc_info and record.exc_info[1]:
             text = f"{text}: {record.exc_info[1]}"

@@ -58,10 +58,11 @@ class MeshFiles(Resolver):
 
     def get(self, name: str) -> bytes:
         """Contents of a file. Raises MeshError."""
+        kind = name.lower().rpartition(".")[2]
         try:
             data = read_bytes(self._find(name))
         except MissingFileError as error:
-            if self._missing is None or name.lower().endswith(".bin"):
+            if self._missing is None or kind == "bin":
                 self.problem = self.problem or error
             elif str(error) not in self._missing:
                 self._missing.append(str(error))
@@ -74,7 +75,6 @@ class MeshFiles(Resolver):
                 f"{shown_value(name)}: cannot be read: {error.strerror}"
             )
             raise self.problem from error
-        kind = name.lower().rpartition(".")[2]
         if kind == "mtl":
             return bare_lines(data)
         if kind != "bin":

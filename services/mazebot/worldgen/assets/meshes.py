@@ -360,7 +360,7 @@ def _read_dae(data: bytes, files: MeshFiles) -> Iterator[_Piece]:
     scale = np.diag([unit_m, unit_m, unit_m, 1.0])
     if document.scene is None:
         raise MeshError("has no scene")
-    pictures: dict[str, Image.Image] = {}
+    pictures: dict[str, Image.Image | None] = {}
     budget = [MAX_NODES]
     for node in document.scene.nodes:
         yield from _of_dae_node(node, scale, ("",), files, pictures, budget)
@@ -368,7 +368,7 @@ def _read_dae(data: bytes, files: MeshFiles) -> Iterator[_Piece]:
 
 def _of_dae_node(
     node: Any, parent: Array, names: tuple[str, ...], files: MeshFiles,
-    pictures: dict[str, Image.Image], budget: list[int],
+    pictures: dict[str, Image.Image | None], budget: list[int],
 ) -> Iterator[_Piece]:  # fmt: skip
     budget[0] -= 1
     if budget[0] < 0:
@@ -386,7 +386,7 @@ def _of_dae_node(
 
 def _of_dae_geometry(
     node: Any, matrix: Array, names: tuple[str, ...], files: MeshFiles,
-    pictures: dict[str, Image.Image],
+    pictures: dict[str, Image.Image | None],
 ) -> Iterator[_Piece]:  # fmt: skip
     geometry = node.geometry
     materials = {one.symbol: one.target for one in node.materials}
@@ -419,7 +419,7 @@ def _of_dae_geometry(
 
 
 def _dae_look(
-    material: Any, files: MeshFiles, pictures: dict[str, Image.Image]
+    material: Any, files: MeshFiles, pictures: dict[str, Image.Image | None]
 ) -> tuple[Rgba | None, Image.Image | None, str]:
     diffuse = getattr(getattr(material, "effect", None), "diffuse", None)
     if diffuse is None:
@@ -427,12 +427,17 @@ def _dae_look(
     if isinstance(diffuse, collada.material.Map):
         name = str(diffuse.sampler.surface.image.path)
         if name not in pictures:
-            try:
-                pictures[name] = Image.open(io.BytesIO(files.get(name)))
-            except MissingFileError:
-                return None, None, ""
+            pictures[name] = _picture(files, name)
         return None, pictures[name], name.replace("\\", "/").rpartition("/")[2]
     return _rgba([float(value) for value in diffuse]), None, ""
+
+
+def _picture(files: MeshFiles, name: str) -> Image.Image | None:
+    """A picture; None where it is not there, which the files have noted."""
+    try:
+        return Image.open(io.BytesIO(files.get(name)))
+    except MissingFileError:
+        return None
 
 
 def _part(piece: _Piece, files: MeshFiles) -> MeshPart | None:

@@ -102,11 +102,11 @@ class Loop(Decorator):
 
     def _taken(self) -> deque[Any]:
         value, key = self.get("queue"), self.key("queue")
+        if value is None:
+            return deque()
         if isinstance(value, deque):
             return value
         values = value.split(";") if isinstance(value, str) else value
-        if value is None:
-            return deque()
         if not isinstance(values, Sequence):
             raise TreeError(f"{self}, port 'queue': must be values, v;v;v, or a list of them")
         try:

@@ -7,6 +7,7 @@ import math
 
 from mazebot.common.maths.frames import SE2, wrap_angle
 from mazebot.common.messages.error_codes import ErrorCode
+from mazebot.common.node.log import LEVELS
 from mazebot.navigation.behavior.context import TrackingFeedback
 from mazebot.navigation.behavior.engine.ports import Port, as_codes
 from mazebot.navigation.behavior.engine.tree import Node, NodeStatus
@@ -15,14 +16,6 @@ from mazebot.navigation.errors import NavigationError
 
 RUNNING, SUCCESS, FAILURE = NodeStatus.RUNNING, NodeStatus.SUCCESS, NodeStatus.FAILURE
 _LOG = logging.getLogger("navigation")
-_LEVELS = {
-    "DEBUG": logging.DEBUG,
-    "INFO": logging.INFO,
-    "WARN": logging.WARNING,
-    "ERROR": logging.ERROR,
-    "FATAL": logging.CRITICAL,
-}
-_NAMES = ", ".join(_LEVELS)
 _FRAMES = (Port("global_frame"), Port("robot_base_frame"))
 
 
@@ -59,9 +52,10 @@ class Log(Node):
     ports = (Port("level", required=True), Port("message", required=True))
 
     def _tick(self, now_ns: int) -> NodeStatus:
-        level = _LEVELS.get(self.text("level"))
+        level = LEVELS.get(self.text("level"))
         if level is None:
-            _LOG.error("%s: level is %.20r: must be one of %s", self, self.text("level"), _NAMES)
+            names = ", ".join(LEVELS)
+            _LOG.error("%s: level is %.20r: must be one of %s", self, self.text("level"), names)
             return FAILURE
         _LOG.log(level, "%s", self.text("message"))
         return SUCCESS

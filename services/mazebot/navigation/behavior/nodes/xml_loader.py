@@ -105,7 +105,7 @@ def read_tree(text: str | bytes, source: str, path: Path | None = None) -> TreeF
     root = parse(text, source)
     found = _Trees()
     found.add(root, path)
-    main = _main_id(root, found.trees, source)
+    main = _main_id(root, found.trees)
     checker = _Checker(source, found.trees)
     checker.check_kinds()
     for tree in found.trees.values():
@@ -208,20 +208,20 @@ def _of_today(element: Element, format_3: bool) -> None:
             del element.attributes[name]
 
 
-def _main_id(root: Element, trees: dict[str, Element], source: str) -> str:
+def _main_id(root: Element, trees: dict[str, Element]) -> str:
     if not trees:
-        raise ConfigError(f"{source}:{root.line}: no <BehaviorTree> found")
+        raise ConfigError(f"{root.at}: no <BehaviorTree> found")
     main = root.attributes.get("main_tree_to_execute")
     if main is None:
         if len(trees) > 1:
             raise ConfigError(
-                f"{source}:{root.line}: main_tree_to_execute is missing: must be one of "
+                f"{root.at}: main_tree_to_execute is missing: must be one of "
                 f"{', '.join(sorted(trees))}"
             )
         return next(iter(trees))
     if main not in trees:
         raise ConfigError(
-            f"{source}:{root.line}: main_tree_to_execute is {main!r:.60}: must be one of "
+            f"{root.at}: main_tree_to_execute is {main!r:.60}: must be one of "
             f"{', '.join(sorted(trees))}"
         )
     return main
