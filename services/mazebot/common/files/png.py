@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import struct
+import threading
 import zlib
 
 import cv2
@@ -35,18 +36,22 @@ def decode(data: bytes) -> NDArray[np.uint8]:
     Raises ValueError, with the text of `problem`, where the bytes are not a complete image.
     """
     key = hashlib.sha256(data).digest()
-    rgb = _kept.pop(key, None)
+    with _LOCK:
+        rgb = _kept.pop(key, None)
     if rgb is None:
         rgb = _decoded_rgb(data)
         rgb.setflags(write=False)
-    _kept[key] = rgb
-    while sum(one.nbytes for one in _kept.values()) > _MOST_KEPT_BYTES:
-        del _kept[next(iter(_kept))]
+    with _LOCK:
+        _kept[key] = rgb
+        while sum(one.nbytes for one in _kept.values()) > _MOST_KEPT_BYTES:
+            del _kept[next(iter(_kept))]
     return rgb
 
 
 _kept: dict[bytes, NDArray[np.uint8]] = {}
 """Images by the sha256 of their files, the newest last."""
+_LOCK = threading.Lock()
+"""Held while these are looked at: several images are decoded at once."""
 
 
 def size_px(data: bytes) -> tuple[int, int]:

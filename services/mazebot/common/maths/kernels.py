@@ -1,4 +1,6 @@
-"""Compiled loops over arrays: the only module, with `kernel_types`, that uses Numba directly."""
+"""Compiled loops over arrays: the only module that uses Numba directly, with `kernel_types` and
+`kernel_loading`.
+"""
 
 from __future__ import annotations
 
@@ -14,17 +16,11 @@ import numba
 from numba.core.compiler_lock import global_compiler_lock
 from numba.extending import typeof_impl
 
+from mazebot.common.maths.kernel_loading import load_less
+
 F = TypeVar("F", bound=Callable[..., Any])
 
-_BLAS = "scipy.linalg.cython_blas"
-if _BLAS not in sys.modules:
-    # Numba loads SciPy's linear algebra in case a kernel calls np.cov: none does, and it is large.
-    sys.modules[_BLAS] = None  # type: ignore[assignment]
-    try:
-        import numba.np.arraymath
-    finally:
-        del sys.modules[_BLAS]
-
+load_less()
 _LOCK = global_compiler_lock
 """Held while a kernel gets its machine code, as several threads may call it first: Numba's own,
 since another one would be taken in the other order where a kernel calls a kernel.

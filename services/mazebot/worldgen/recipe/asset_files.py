@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mazebot.common.config import ConfigError
 from mazebot.common.messages.documents import DICTIONARY_FILES, World
 from mazebot.common.problems import Location, Mistake
+from mazebot.common.processors import processors
 from mazebot.common.world.geometry import MAX_TRIANGLES, TriangleMesh, mesh_to_bytes
 from mazebot.worldgen.recipe.recipe_problems import RecipeProblems
 from mazebot.worldgen.recipe.resolve import MeshAsset, MeshKey, mesh_keys, with_textures
@@ -37,29 +39,44 @@ class AssetFiles:
 
     def read_texture(self, name: str, location: Location, fatal: bool = True) -> bytes | None:
         """The bytes of a texture; None if it is invalid, which adds a problem."""
-        path = self._textures_dir / name
-        try:
-            return read_texture_file(path)
-        except ValueError as error:
-            wrong = f"{shown_path(path)} {error}"
-        self._problems.add(Mistake(location, name, wrong, fatal))
-        return None
+        return self._readable(name, location, self._texture(name), fatal)
 
     def textured(self, recipe: Recipe, world: World) -> World:
         """The world with its materials' textures, as far as these can be read."""
-        sha256_of: dict[str, str] = {}
         used = {material.name for material in world.materials}
+        locations: dict[str, Location] = {}
         for name, material in recipe.materials.items():
-            texture = material.texture
-            if name in used and texture and texture not in sha256_of:
-                data = self.read_texture(texture, ("materials", name, "texture"))
-                sha256_of[texture] = "" if data is None else self._asset(data)
+            if name in used and material.texture:
+                locations.setdefault(material.texture, ("materials", name, "texture"))
+        # To decode them is a good part of loading a world.
+        with ThreadPoolExecutor(processors()) as pool:
+            textures = list(pool.map(self._texture, locations))
+        sha256_of: dict[str, str] = {}
+        for (name, location), texture in zip(locations.items(), textures, strict=True):
+            data = self._readable(name, location, texture)
+            sha256_of[name] = "" if data is None else self._asset(data)
         if len(self.assets) > MAX_ASSETS:
             must = f"must be at most {MAX_ASSETS}"
             self._problems.add(
                 Mistake(("materials",), f"{len(self.assets)} textures and meshes", must)
             )
         return with_textures(world, sha256_of)
+
+    def _texture(self, name: str) -> bytes | str:
+        """The bytes of a texture, or what is wrong with it."""
+        path = self._textures_dir / name
+        try:
+            return read_texture_file(path)
+        except ValueError as error:
+            return f"{shown_path(path)} {error}"
+
+    def _readable(
+        self, name: str, location: Location, texture: bytes | str, fatal: bool = True
+    ) -> bytes | None:
+        if isinstance(texture, bytes):
+            return texture
+        self._problems.add(Mistake(location, name, texture, fatal))
+        return None
 
     def with_dictionaries(self, recipe: Recipe, world: World) -> World:
         """The world with the dictionaries of its markers that are files, as far as these can be
