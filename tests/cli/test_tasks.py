@@ -267,11 +267,11 @@ def test_the_robot_finds_itself_after_a_search(robot: Robot) -> None:
     def status(state: Any, reason: str = "") -> LocalizationStatus:
         return LocalizationStatus(state=state, quality=0.5, reason=reason)
 
-    find = ("localize", "--global", "--timeout", "0.5")
+    find = ("localize", "--global", "--timeout", "1")
     # The first one is of before the search.
     robot.statuses = [status("localized"), status("searching", "two places look alike")]
     done = run(robot, *find)
-    assert_one_line(done, "--timeout: 0.5 s", "searching: two places look alike")
+    assert_one_line(done, "--timeout: 1 s", "searching: two places look alike")
     assert done.returncode == 1
     robot.statuses.append(status("localized"))
     done = run(robot, *find)

@@ -34,7 +34,6 @@ def find_robot(endpoint: str, timeout_s: float | None, as_json: bool) -> int:
 
     Raises ConfigError where localisation is not running.
     """
-    begin_s = time.monotonic()
     with ZenohRobot(endpoint) as robot, ProgressLine(not as_json) as line:
         if not wait_until_alive(robot, "localization", PATIENCE_S):
             raise ConfigError("localize: no localization service is running")
@@ -43,6 +42,8 @@ def find_robot(endpoint: str, timeout_s: float | None, as_json: bool) -> int:
         watch = ServiceWatch(robot, "localization")
         with Subscription(robot, LOCALIZATION_STATUS, AMCL_POSE) as messages:
             _ask_for_search(robot)
+            # To find the router and the services is no part of the search.
+            begin_s = time.monotonic()
             line.say("global localization started: the robot may move")
             end_s = math.inf if timeout_s is None else begin_s + timeout_s
             found = _followed(messages, watch, begin_s, end_s, line)
