@@ -32,6 +32,7 @@ NO_GL = {
 }
 
 
+THREADS = "OPENBLAS_NUM_THREADS"
 WRITTEN = ("/cmd_vel", "/cmd_vel_teleop", "/explore/resume", "/goal_pose", "/initialpose")
 """The topics of the user's tools."""
 
@@ -167,6 +168,21 @@ def test_a_short_command_loads_neither_the_compiler_nor_the_bus(
         env={**os.environ, "XDG_RUNTIME_DIR": str(tmp_path)},
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
+
+
+def test_a_command_starts_no_threads_of_numpy_unless_it_is_told_to() -> None:
+    code = (
+        "import atexit, os, sys\n"
+        "from mazebot.cli.__main__ import main\n"
+        "sys.argv = ['mazebot', '--version']\n"
+        "atexit.register(lambda: print(len(os.listdir('/proc/self/task'))))\n"
+        "main()\n"
+    )
+    plain = {name: value for name, value in os.environ.items() if name != THREADS}
+    for environment, threads in ((plain, "1"), ({**plain, THREADS: "2"}, "2")):
+        command = [sys.executable, "-c", code]
+        done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
+        assert done.stdout.splitlines()[-1] == threads
 
 
 def test_the_version_is_told() -> None:

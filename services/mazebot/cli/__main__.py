@@ -21,6 +21,9 @@ def named(arguments: Sequence[str]) -> str:
 
 def main() -> NoReturn:
     """Run the command."""
+    # The threads of NumPy's, SciPy's and OpenCV's OpenBLAS wait for work in a loop: 0.2 s of
+    # processor time in each process that starts. No matrix here is large enough for them.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         with patience(named(sys.argv)):
             from mazebot.cli import app  # noqa: PLC0415 - loads every command
