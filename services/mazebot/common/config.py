@@ -23,7 +23,7 @@ class ConfigError(Exception):
 class Params(BaseModel):
     """The base of all settings: unknown names and numbers that are not finite are errors."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
 
 class ServiceConfig(Params):

@@ -14,7 +14,7 @@ Policy = Literal["tour", "nearest", "gain"]
 class ExplorerParams(BaseModel):
     """What counts as a frontier, and which one is next."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
     planner_frequency: float = Field(
         1.0, gt=0, le=20, description="Hz of choosing again as the map grows"

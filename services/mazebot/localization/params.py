@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 class InitialPose(BaseModel):
     """AMCL's `initial_pose`: the pose to start from where `set_initial_pose` is true."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
     x: float = Field(0.0, description="m, in the map")
     y: float = Field(0.0, description="m, in the map")
@@ -25,7 +25,7 @@ class LocalizationParams(BaseModel):
     cells of 0.05 m; AMCL's own (sigma_hit 0.2, z_rand 0.5, alpha 0.2) fit a far worse robot.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
     min_particles: int = Field(500, ge=10, description="particles while the pose is certain")
     max_particles: int = Field(2000, ge=10, description="particles at the start, and at most")

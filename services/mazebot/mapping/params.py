@@ -12,7 +12,7 @@ class SlamParams(BaseModel):
     longer ranges and fewer scans.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
     resolution: float = Field(0.05, ge=0.01, le=1.0, description="m; side of the map's cells")
     max_laser_range: float = Field(

@@ -15,6 +15,8 @@ Quaternion = tuple[Finite, Finite, Finite, Finite]
 
 
 class Document(BaseModel):
-    """A message type of Mazebot."""
+    """A message type of Mazebot. No process uses all of them: Pydantic builds each one's validator
+    when it is first used.
+    """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
