@@ -26,9 +26,14 @@ def camera(pitch_rad: float = 0.0) -> Array:
     return transform_matrix(turned, (0.07, 0.0, CAMERA_M)) @ LINK_FROM_OPTICAL
 
 
-def picture(*boxes: tuple[float, float, float, float], pitch_rad: float = 0.0) -> Depths:
+def picture(
+    *boxes: tuple[float, float, float, float],
+    level: tuple[tuple[float, float, float, float], ...] = (),
+    pitch_rad: float = 0.0,
+) -> Depths:
     """Depths of a floor with upright boards that face the camera: distance ahead of it, height of
-    the lower and of the upper edge, half width.
+    the lower and of the upper edge, half width; and with level ones: their height, their two edges
+    ahead, half width.
     """
     pose = camera(pitch_rad)
     u, v = np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT))
@@ -41,6 +46,11 @@ def picture(*boxes: tuple[float, float, float, float], pitch_rad: float = 0.0) -
         up = CAMERA_M + at * z
         hit = (up >= low_m) & (up <= high_m) & (np.abs(at * y) <= half_m) & (at < depth)
         depth = np.where(hit, at, depth)
+    for height_m, near_m, far_m, half_m in level:
+        with np.errstate(divide="ignore"):
+            at = (height_m - CAMERA_M) / z
+        hit = (at > 0.0) & (at * x >= near_m) & (at * x <= far_m) & (np.abs(at * y) <= half_m)
+        depth = np.where(hit & (at < depth), at, depth)
     return np.where(depth < 10.0, depth, 0.0).astype(np.float32)
 
 
@@ -64,6 +74,27 @@ def test_sills_boxes_table_tops_and_walls_are_seen(low_m: float, high_m: float) 
     inside = np.abs(np.tan(angles)) < 0.18
     assert scan.ranges_m[inside] == pytest.approx(1.0 / np.cos(angles[inside]), abs=0.02)
     assert np.isposinf(scan.ranges_m[np.abs(np.tan(angles)) > 0.23]).all()
+
+
+@pytest.mark.parametrize(
+    ("front", "height_m", "depth_m"),
+    [((0.0, 0.06), 0.06, 0.2), ((0.0, 0.03), 0.03, 0.3), ((0.2, 0.21), 0.2, 0.3)],
+)
+def test_a_beam_tells_how_far_a_thing_reaches(
+    front: tuple[float, float], height_m: float, depth_m: float
+) -> None:
+    board = (0.9, *front, 0.2)
+    scan = scanned(picture(board, level=((height_m, 0.9, 0.9 + depth_m, 0.2),)))
+    middle = slice(len(scan.ranges_m) // 2 - 3, len(scan.ranges_m) // 2 + 3)
+    assert scan.ranges_m[middle] == pytest.approx(0.9, abs=0.02)
+    assert scan.reaches_m[middle] == pytest.approx(depth_m, abs=0.06)
+    assert not scan.reaches_m[np.isinf(scan.ranges_m)].any()
+
+
+def test_a_wall_reaches_nowhere_and_what_is_behind_a_gap_is_another_thing() -> None:
+    assert scanned(picture((1.0, 0.0, 1.0, 0.4))).reaches_m.max() < 0.06
+    behind = picture((0.8, 0.0, 0.05, 0.3), (1.2, 0.0, 0.2, 0.3))
+    assert scanned(behind).reaches_m[len(scanned(behind).ranges_m) // 2] < 0.06
 
 
 def test_what_is_above_the_robot_is_passed() -> None:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mazebot.common.maths import portable
 from mazebot.common.maths.frames import SE2, Array
@@ -41,7 +42,12 @@ from mazebot.navigation.control.yielding.giving_way import GivingWay, Scene
 from mazebot.navigation.control.yielding.newcomers import Newcomers
 from mazebot.navigation.costmap.layered_costmap import LETHAL_OBSTACLE, GridFrame
 from mazebot.navigation.costmap.zones import Zones
-from mazebot.navigation.robot.hidden import HiddenThings, depth_points, hidden_from
+from mazebot.navigation.robot.hidden import (
+    HiddenThings,
+    depth_points,
+    hidden_from,
+    points_behind,
+)
 from mazebot.navigation.robot.measurements import Measurements
 from mazebot.navigation.robot.robot_context import RobotContext
 
@@ -185,25 +191,38 @@ class Drive:
             moving_m=np.array(moving, np.float64).reshape(-1, 3), static_margin_m=margin_m,
         )  # fmt: skip
 
-    def take_depth_scan(self, scan: Scan, measured: Measurements, epoch: int | None) -> None:
-        """Update the costmaps by what the depth camera sees and the lidar does not."""
+    def take_depth_scan(
+        self,
+        scan: Scan,
+        reaches_m: NDArray[np.float32],
+        measured: Measurements,
+        epoch: int | None,
+    ) -> None:
+        """Update the costmaps by what the depth camera sees and the lidar does not; `reaches_m` as
+        for `points_behind`.
+        """
         assert measured.odom is not None
         use, robot = self.depth_sources, self.robot
         odom_from_base = measured.odometry.at(scan.stamp_ns) or measured.odom[1]
         points_m, echo = depth_points(scan)
         lidar, odom_from_scanning = measured.scan_at(scan.stamp_ns) or (None, odom_from_base)
         marks = echo & hidden_from(points_m, odom_from_base, lidar, odom_from_scanning)
+        behind_m = points_behind(scan, reaches_m, marks)
         if use.local_costmap:
-            robot.local_costmap.update_seen_low(odom_from_base @ scan.base_from_scan, scan, marks)
-            seen_m = points_m[marks]
+            seen_m = np.concatenate([points_m[marks], behind_m])
             if len(seen_m):
                 seen_m = moved_points(seen_m, odom_from_base, _NOWHERE)
+            robot.local_costmap.update_seen_low(
+                odom_from_base @ scan.base_from_scan, scan, marks, seen_m[marks.sum() :]
+            )
             self.hidden.see(seen_m, robot.local_costmap)
         if use.global_costmap and measured.is_localized(epoch):
             assert measured.map_from_odom is not None
             map_from_base = measured.map_from_odom[1] @ odom_from_base
+            if len(behind_m):
+                behind_m = moved_points(behind_m, map_from_base, _NOWHERE)
             robot.costmap.update_seen_low(
-                map_from_base @ scan.base_from_scan, scan, marks,
+                map_from_base @ scan.base_from_scan, scan, marks, behind_m,
                 measured.static_margin_m(self.static_margin_m),
             )  # fmt: skip
 

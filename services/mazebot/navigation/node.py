@@ -480,7 +480,7 @@ class NavigationNode(Node):
             scan = Scan.from_message(message, self._base_from_depth)
             if any(self._drive.depth_sources):
                 measured.take_depth(stamp_ns)
-            self._drive.take_depth_scan(scan, measured, self._watch.epoch)
+            self._drive.take_depth_scan(scan, message.intensities, measured, self._watch.epoch)
 
     def _static_margin_m(self) -> float:
         return self._measured.static_margin_m(

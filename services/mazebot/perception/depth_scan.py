@@ -2,7 +2,9 @@
 `depthimage_to_laserscan` makes one of a single height: what a lidar's plane misses.
 
 A beam is the nearest thing in its part of the image, or infinite where that shows only floor. Where
-the camera measured neither, it is minus infinity: no measurement, by REP 117.
+the camera measured neither, it is minus infinity: no measurement, by REP 117. Of what is lower than
+the camera it sees the top, of a table the board from below: a beam also tells how far that reaches,
+since the robot may come round to where the camera does not look.
 """
 
 from __future__ import annotations
@@ -26,6 +28,8 @@ Depths = NDArray[np.float32]
 
 _SLOT_M: Final = 0.05
 """Points of one thing are this near to one another, along a beam."""
+_MOST_EMPTY: Final = 1
+"""Slots without a point within a thing: what is seen at a flat angle has a row in each second."""
 _COLUMN_STEP: Final = 2
 """Columns of the image from one that is used to the next."""
 
@@ -60,6 +64,8 @@ class DepthScan:
 
     ranges_m: NDArray[np.float32]
     """(n,): `inf` where the camera sees only floor, `-inf` where it measured nothing."""
+    reaches_m: NDArray[np.float32]
+    """(n,): how far the thing at a beam's range reaches behind it, as far as it is seen."""
     angle_min_rad: float
     angle_increment_rad: float
     range_min_m: float
@@ -110,17 +116,19 @@ def depth_scan(
         return None
     beams = params.beams
     slots = math.ceil(params.range_max_m / _SLOT_M) + 1
-    by_tangent = np.empty(beams, np.float32)
+    by_tangent, reaches = np.empty(beams, np.float32), np.zeros(beams, np.float32)
     _nearest(
         depth_m, across, down, rotation, camera_m,
         right, beams / (left - right), params.min_obstacle_height, params.max_obstacle_height,
         params.floor_slope, params.range_max_m, params.min_points,
         np.zeros((beams, slots), np.int32), np.zeros((beams, slots), np.float64), by_tangent,
+        reaches,
     )  # fmt: skip
     first, step, borders = _borders(right, left, beams)
     return DepthScan(
-        _by_angle(by_tangent, borders), first + step / 2.0, step, range_min_m, params.range_max_m
-    )
+        *_by_angle(by_tangent, reaches, borders),
+        first + step / 2.0, step, range_min_m, params.range_max_m,
+    )  # fmt: skip
 
 
 # All images of a camera have the same beams.
@@ -153,9 +161,10 @@ def _nearest(
     counts: NDArray[np.int32],
     sums_m: Array,
     ranges_m: NDArray[np.float32],
+    reaches_m: NDArray[np.float32],
 ) -> None:
     """The range of the nearest thing of enough points in each of equal steps of the bearing's
-    tangent.
+    tangent, and how far it reaches behind that.
 
     Args:
         depth_m: (h, w).
@@ -173,6 +182,7 @@ def _nearest(
         counts: (beams, slots) zeros.
         sums_m: (beams, slots) zeros.
         ranges_m: (beams,), is given the ranges.
+        reaches_m: (beams,) zeros, is given how far the things reach behind them.
     """
     height, width = depth_m.shape
     beams, slots = counts.shape
@@ -220,22 +230,36 @@ def _nearest(
             here, behind = counts[beam, slot], counts[beam, slot + 1]
             if here >= min_points:
                 ranges_m[beam] = sums_m[beam, slot] / here
-                break
-            if here > 0 and here + behind >= min_points:
+            elif here > 0 and here + behind >= min_points:
                 ranges_m[beam] = (sums_m[beam, slot] + sums_m[beam, slot + 1]) / (here + behind)
-                break
+            else:
+                continue
+            last = slot
+            for other in range(slot + 1, slots):
+                if counts[beam, other] > 0:
+                    last = other
+                elif other - last > _MOST_EMPTY:
+                    break
+            reach_m = sums_m[beam, last] / counts[beam, last] - ranges_m[beam]
+            reaches_m[beam] = max(reach_m, 0.0)
+            break
 
 
 @kernel()
-def _by_angle(by_tangent: NDArray[np.float32], borders: NDArray[np.int64]) -> NDArray[np.float32]:
-    """Ranges at equal steps of the angle: the nearest of all beams that a step covers."""
-    ranges_m = np.empty_like(by_tangent)
+def _by_angle(
+    by_tangent: NDArray[np.float32], reaches: NDArray[np.float32], borders: NDArray[np.int64]
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Ranges at equal steps of the angle, the nearest of all beams that a step covers, and how far
+    these reach.
+    """
+    ranges_m, reaches_m = np.empty_like(by_tangent), np.zeros_like(reaches)
     for i in range(ranges_m.size):
         nearest, measured = np.float32(np.inf), True
         for j in range(borders[i], borders[i + 1] + 1):
             measured &= by_tangent[j] > 0.0
             if 0.0 < by_tangent[j] < nearest:
                 nearest = by_tangent[j]
+                reaches_m[i] = reaches[j]
         # What is not measured is not free.
         ranges_m[i] = nearest if measured or np.isfinite(nearest) else -np.inf
-    return ranges_m
+    return ranges_m, reaches_m

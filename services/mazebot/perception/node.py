@@ -405,7 +405,7 @@ def _scan_message(stamp_ns: int, scan: DepthScan) -> msg.LaserScan:
         range_min=msg.float32(scan.range_min_m),
         range_max=msg.float32(scan.range_max_m),
         ranges=scan.ranges_m,
-        intensities=np.zeros(0, np.float32),
+        intensities=scan.reaches_m,
     )
 
 

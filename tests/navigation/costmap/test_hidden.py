@@ -6,18 +6,26 @@ import math
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages.scan import Scan
+from mazebot.navigation.control.safety.collision_monitor import moved_points
 from mazebot.navigation.costmap.inflation_layer import InflationParams
 from mazebot.navigation.costmap.layered_costmap import LETHAL_OBSTACLE, LocalCostmap
 from mazebot.navigation.costmap.obstacle_layer import ObstacleParams
-from mazebot.navigation.robot.hidden import HiddenThings, depth_points, hidden_from
+from mazebot.navigation.robot.hidden import (
+    HiddenThings,
+    depth_points,
+    hidden_from,
+    points_behind,
+)
 
 CAMERA = SE2(0.069, 0.0, 0.0)
 LIDAR = SE2(-0.064, 0.0, 0.0)
 HERE = SE2(0.0, 0.0, 0.0)
 BEAMS, WIDTH_RAD = 41, 1.0
+UNKNOWN = np.zeros(0, np.float32)
 
 
 def seen(range_m: float, half_rad: float = 0.1) -> Scan:
@@ -37,9 +45,12 @@ def local() -> LocalCostmap:
     return LocalCostmap(0.05, InflationParams(), ObstacleParams())
 
 
-def show(costmap: LocalCostmap, scan: Scan, pose: SE2 = HERE) -> None:
+def show(
+    costmap: LocalCostmap, scan: Scan, pose: SE2 = HERE, reaches_m: NDArray[np.float32] = UNKNOWN
+) -> None:
     _, echo = depth_points(scan)
-    costmap.update_seen_low(pose @ CAMERA, scan, echo)
+    behind_m = moved_points(points_behind(scan, reaches_m, echo), pose, HERE)
+    costmap.update_seen_low(pose @ CAMERA, scan, echo, behind_m)
 
 
 def is_marked(costmap: LocalCostmap, x_m: float, y_m: float = 0.0) -> bool:
@@ -118,6 +129,44 @@ def test_what_was_touched_is_cleared_by_no_ray() -> None:
         costmap.update(LIDAR, turn(3.0, second * 1_000_000_000))
         show(costmap, seen(math.inf))
     assert is_marked(costmap, 0.8)
+
+
+def reaching(scan: Scan, reach_m: float) -> NDArray[np.float32]:
+    return np.where(np.isfinite(scan.ranges_m), reach_m, 0.0).astype(np.float32)
+
+
+def test_what_is_seen_of_a_thing_behind_its_front_is_marked_as_well() -> None:
+    costmap, scan = local(), seen(0.8)
+    show(costmap, scan, reaches_m=reaching(scan, 0.2))
+    assert [is_marked(costmap, 0.87 + 0.05 * i) for i in range(7)] == [True] * 5 + [False] * 2
+    # From where only its front is seen, the rest of it stays.
+    show(costmap, seen(0.6), SE2(0.2, 0.0, 0.0))
+    assert is_marked(costmap, 1.02)
+
+
+@pytest.mark.parametrize(
+    "reaches_m",
+    [
+        UNKNOWN,
+        np.full(BEAMS, np.nan, np.float32),
+        np.full(BEAMS, -1.0, np.float32),
+        np.zeros(BEAMS, np.float32),
+        np.full(BEAMS + 1, 0.3, np.float32),
+    ],
+)
+def test_without_a_reach_there_is_nothing_behind(reaches_m: NDArray[np.float32]) -> None:
+    scan = seen(1.0)
+    assert not len(points_behind(scan, reaches_m, np.isfinite(scan.ranges_m)))
+
+
+@pytest.mark.parametrize("reach_m", [math.inf, 1e30, 255.0])
+def test_a_reach_ends_where_rows_of_an_image_are_too_far_apart(reach_m: float) -> None:
+    scan = seen(1.0)
+    points_m = points_behind(scan, reaching(scan, reach_m), np.isfinite(scan.ranges_m))
+    away_m = np.hypot(points_m[:, 0] - CAMERA.x_m, points_m[:, 1])
+    assert 1.0 < away_m.min() < away_m.max() <= 2.0 + 1e-9
+    far = seen(2.5)
+    assert not len(points_behind(far, reaching(far, reach_m), np.isfinite(far.ranges_m)))
 
 
 def test_points_are_kept_while_their_cells_are_marked() -> None:

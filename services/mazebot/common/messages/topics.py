@@ -212,7 +212,8 @@ DEPTH_INFO = Topic(
 DEPTH_SCAN = Topic(
     "/camera/depth/scan", msg.LaserScan, ("perception",), ("navigation", "recorder"), _LATEST,
     "nearest thing between floor and the robot's top in each part of the depth image; inf: only "
-    "floor, -inf: nothing measured", rate_hz=10,
+    "floor, -inf: nothing measured; `intensities`: how far it reaches behind that, as far as it is "
+    "seen, m", rate_hz=10,
 )  # fmt: skip
 GROUND_TRUTH_ODOM = Topic(
     "/ground_truth/odom", msg.Odometry, ("physics",), ("recorder",), _LATEST,

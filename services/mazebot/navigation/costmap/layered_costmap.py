@@ -87,6 +87,7 @@ class LayeredCostmap:
         self._inflation_params = inflation
         self._static_params = static
         self._footprint = footprint
+        self._obstacle_params = obstacle
         self._obstacles = ObstacleLayer(frame.rows, frame.columns, obstacle)
         # A ray of the lidar passes above or below what these have, and clears none of it.
         self._seen_low = ObstacleLayer(frame.rows, frame.columns, obstacle, obstacle.depth)
@@ -196,6 +197,7 @@ class LayeredCostmap:
         map_from_camera: SE2,
         scan: Scan,
         marks: NDArray[np.bool_],
+        behind_m: Array,
         static_margin_m: float | None = None,
     ) -> bool:
         """Mark and clear by the scan of a depth image. True if the costmap changed.
@@ -205,6 +207,7 @@ class LayeredCostmap:
             scan: the nearest things between floor and the robot's top.
             marks: (n,) which of its beams show something that the lidar does not; what it shows, it
                 marks, and clears when that moves away behind the camera's back.
+            behind_m: (m, 2) places on those things behind the ends of the beams.
             static_margin_m: as for `update`.
         """
         if self._seen_low.is_empty and not marks.any():
@@ -216,7 +219,23 @@ class LayeredCostmap:
         )  # fmt: skip
         if changed is not None:
             self._combine(changed)
+        params = self._obstacle_params
+        if len(behind_m) and params.depth.marking:
+            margin_m = params.static_margin if static_margin_m is None else static_margin_m
+            self._mark(self._seen_low, self._away_from_walls(behind_m, margin_m))
         return changed is not None
+
+    def _away_from_walls(self, points_m: Array, margin_m: float) -> Array:
+        """Those of (n, 2) places that are farther than this from the walls of the map."""
+        walls_m = self._walls_m()
+        if walls_m is None:
+            return points_m
+        rows, columns = self._cells(points_m).T
+        inside = (rows >= 0) & (columns >= 0)
+        inside &= (rows < walls_m.shape[0]) & (columns < walls_m.shape[1])
+        inside[inside] = walls_m[rows[inside], columns[inside]] > margin_m
+        kept_m: Array = points_m[inside]
+        return kept_m
 
     def mark_low(self, points_m: Array) -> None:
         """Mark (n, 2) places where the camera has seen something."""

@@ -25,6 +25,10 @@ between which an edge lies.
 """
 _BESIDE: Final = 2
 """Beams to either side that may show it as well."""
+_BEHIND_RANGE_M: Final = 2.0
+"""Farther away the rows of an image are too far apart on the top of a low thing."""
+_BEHIND_STEP_M: Final = 0.025
+"""Half a cell of the costmaps."""
 _APART_M: Final = 0.01
 """Points nearer to one another than this are one."""
 
@@ -80,6 +84,28 @@ def depth_points(scan: Scan) -> tuple[Array, NDArray[np.bool_]]:
     echo = np.isfinite(ranges_m) & (ranges_m >= scan.range_min_m) & (ranges_m < scan.range_max_m)
     origin_m = np.array([scan.base_from_scan.x_m, scan.base_from_scan.y_m])
     return origin_m + np.where(echo, ranges_m, 0.0)[:, None] * scan.directions(), echo
+
+
+def points_behind(scan: Scan, reaches_m: NDArray[np.float32], marks: NDArray[np.bool_]) -> Array:
+    """(m, 2) points in base_footprint on what is seen behind the ends of beams.
+
+    Args:
+        scan: of a depth image.
+        reaches_m: (n,) how far the thing at each beam's range reaches behind it; none: not known.
+        marks: (n,) beams of which points are wanted.
+    """
+    if len(reaches_m) != len(marks):
+        return _NONE
+    chosen = marks & (reaches_m > 0.0) & (scan.ranges_m < _BEHIND_RANGE_M)
+    from_m = np.asarray(scan.ranges_m[chosen], np.float64)
+    reach_m = np.minimum(reaches_m[chosen], _BEHIND_RANGE_M - from_m)
+    counts = np.ceil(reach_m / _BEHIND_STEP_M).astype(np.int64)
+    number = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts) + 1
+    behind_m = np.minimum(number * _BEHIND_STEP_M, np.repeat(reach_m, counts))
+    origin_m = np.array([scan.base_from_scan.x_m, scan.base_from_scan.y_m])
+    directions = np.repeat(scan.directions()[chosen], counts, axis=0)
+    points_m: Array = origin_m + (np.repeat(from_m, counts) + behind_m)[:, None] * directions
+    return points_m
 
 
 def hidden_from(
