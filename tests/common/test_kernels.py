@@ -7,6 +7,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numba
+
+from mazebot.common.maths import kernel_loading
+
 
 def test_a_kernel_computes_and_scipy_s_linear_algebra_is_neither_loaded_nor_lost() -> None:
     code = (
@@ -65,6 +69,10 @@ def test_bitcode_of_a_loaded_kernel_is_parsed_when_a_kernel_that_calls_it_is_com
         caller.write_text(_CALLER)
         run = [sys.executable, str(caller), *is_compiled_here]
         subprocess.run(run, check=True, timeout=100, env=environment, cwd=tmp_path)
+
+
+def test_the_version_of_numba_that_is_locked_was_tried() -> None:
+    assert numba.__version__.startswith(kernel_loading.TRIED_WITH)
 
 
 def test_what_no_kernel_needs_is_neither_loaded_nor_lost() -> None:

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from mazebot.common.config import Params
 from mazebot.common.world.costmap import ROBOT_RADIUS_M, START_TOLERANCE_M
 
 Policy = Literal["tour", "nearest", "gain"]
 
 
-class ExplorerParams(BaseModel):
+class ExplorerParams(Params):
     """What counts as a frontier, and which one is next."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
     planner_frequency: float = Field(
         1.0, gt=0, le=20, description="Hz of choosing again as the map grows"

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
+
+from mazebot.common.config import Params
 
 
-class InitialPose(BaseModel):
+class InitialPose(Params):
     """AMCL's `initial_pose`: the pose to start from where `set_initial_pose` is true."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
     x: float = Field(0.0, description="m, in the map")
     y: float = Field(0.0, description="m, in the map")
@@ -18,14 +18,12 @@ class InitialPose(BaseModel):
     yaw: float = Field(0.0, description="rad, in the map")
 
 
-class LocalizationParams(BaseModel):
+class LocalizationParams(Params):
     """Parameters of the particle filter, of its judgement and of the search from nothing.
 
     The defaults fit a lidar with 0.01 m of noise, wheels that slip by a few percent and a map with
     cells of 0.05 m; AMCL's own (sigma_hit 0.2, z_rand 0.5, alpha 0.2) fit a far worse robot.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
     min_particles: int = Field(500, ge=10, description="particles while the pose is certain")
     max_particles: int = Field(2000, ge=10, description="particles at the start, and at most")

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from mazebot.common.config import Params
 
 
-class SlamParams(BaseModel):
+class SlamParams(Params):
     """Parameters of the scan matching, the keyframes, the loops and the grid.
 
     The defaults fit a lidar with 0.01 m of noise on a robot of house size; slam_toolbox's own fit
     longer ranges and fewer scans.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
     resolution: float = Field(0.05, ge=0.01, le=1.0, description="m; side of the map's cells")
     max_laser_range: float = Field(
