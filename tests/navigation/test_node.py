@@ -70,6 +70,7 @@ from mazebot.common.node.node import Envelope
 from mazebot.common.world.footprint import wall_corners
 from mazebot.navigation.config import CONTROL_PERIOD_NS, NavigationConfig
 from mazebot.navigation.control.collision import STOP
+from mazebot.navigation.control.safety.collision_monitor import CollisionMonitorParams
 from mazebot.navigation.costmap.footprint import WAFFLE
 from mazebot.navigation.costmap.layered_costmap import LETHAL_OBSTACLE
 from mazebot.navigation.drive import Drive
@@ -93,6 +94,7 @@ from tests.navigation.driving import (
 from tests.navigation.house_tour import house
 
 M = TypeVar("M")
+STOPS_PER_TIMEOUT = round(CollisionMonitorParams().stop_pub_timeout * 1e9 / CONTROL_PERIOD_NS)
 
 
 def ready(**options: object) -> NodeDriver:
@@ -628,6 +630,22 @@ def test_without_scans_the_robot_stands_until_they_come_back() -> None:
     driver.run(1.5)
     assert driver.robot.velocity.linear_m_s == 0.0
     assert driver.results() == []
+    driver.blind = False
+    driver.run(8.0)
+    assert [r.error_code for r in driver.results()] == [0]
+
+
+def test_a_stop_is_repeated_for_a_while_only_so_that_another_source_may_drive() -> None:
+    driver = ready()
+    driver.goal(LOCATIONS["location1"])
+    driver.run(4.0)
+    driver.blind = True
+    driver.run(2.5)
+    told = driver.of(CMD_VEL)
+    driver.run(2.0)
+    assert driver.of(CMD_VEL) == told
+    zeros = [one for one in told if one.twist.linear.x == one.twist.angular.z == 0.0]
+    assert STOPS_PER_TIMEOUT - 2 <= len(zeros) <= STOPS_PER_TIMEOUT + 2
     driver.blind = False
     driver.run(8.0)
     assert [r.error_code for r in driver.results()] == [0]

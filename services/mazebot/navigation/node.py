@@ -588,7 +588,8 @@ class NavigationNode(Node):
             self._request_photo(now_ns, outbox, drive.navigator.exchange)
             if command is not None:
                 watched = drive.monitored(now_ns, command, measured)
-                self._monitor_state, command = watched.state, watched.velocity
+                self._monitor_state = watched.state
+                command = watched.velocity if watched.publish else None
         if drive is not None and drive.robot.wants_global_localization:
             drive.robot.wants_global_localization = False
             outbox.put(GLOBAL_LOCALIZATION_REQUEST, act.Empty())
