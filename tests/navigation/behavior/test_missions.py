@@ -287,6 +287,16 @@ def test_through_poses_passes_each_in_its_order() -> None:
     assert drive.commands[passed] != STOP
 
 
+def test_of_poses_in_dead_ends_each_is_driven_to_before_the_way_back() -> None:
+    drive = Drive()
+    poses = tuple(LOCATIONS[name] for name in ("location2", "location4", "location3", "location1"))
+    drive.navigator.start(0, NavigateThroughPoses(poses))
+    result = drive.finish(120.0)
+    assert result.error_code == 0
+    assert result.number_of_recoveries == 0
+    assert all(min(at.distance_m(pose) for at in drive.poses) < 0.7 for pose in poses)
+
+
 @pytest.mark.parametrize("ends", ["canceled", "stuck"])
 def test_poses_that_were_not_passed_have_failed(ends: str) -> None:
     drive = Drive(SimulatedRobot(Unicycle(START, stuck=ends == "stuck")))

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from mazebot.common.maths.frames import SE2
+from mazebot.common.maths.frames import SE2, Array
 from mazebot.navigation.control.collision import STOP, Velocity
 from mazebot.navigation.control.goal_checker import GoalChecker, GoalCheckerParams
 from mazebot.navigation.control.path_handler import PathHandler, PathHandlerParams
@@ -84,6 +84,47 @@ def test_the_robot_is_looked_for_ahead_only_and_not_across_a_loop() -> None:
     assert handler.index == 9
     handler.advance(path, SE2(0.2, 0.0, 0.0))
     assert handler.index == 9
+
+
+def in_and_out(half_gap_m: float) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+    """2 m ahead, and back beside the way that it came."""
+    ahead = [(0.1 * i, -half_gap_m) for i in range(21)]
+    return np.array([*ahead, *((x, half_gap_m) for x, _ in reversed(ahead[:-1]))])
+
+
+def test_a_path_that_turns_back_is_followed_to_there_first() -> None:
+    path = path_through(in_and_out(0.0), 0.0)
+    handler = PathHandler(PathHandlerParams(max_robot_pose_search_dist=5.0))
+    handler.set_path(path)
+    for x_m in (0.5, 1.4, 1.75):
+        pose = SE2(x_m, 0.02, 0.0)
+        assert handler.advance(path, pose) == pytest.approx(4.0 - x_m, abs=0.06)
+        local = handler.local(path, pose, 0.05)
+        assert local.points_m[0] == pytest.approx((x_m, 0.0))
+        assert local.points_m[-1] == pytest.approx((2.0, 0.0))
+        assert not local.ends
+    # From here on the way back is what is ahead.
+    assert handler.advance(path, SE2(1.85, 0.0, 0.0)) == pytest.approx(1.9, abs=0.11)
+    local = handler.local(path, SE2(1.85, 0.0, 0.0), 0.05)
+    assert local.points_m[-1, 0] < 0.4
+    assert handler.end_m(path) == path.length_m
+
+
+@pytest.mark.parametrize(
+    ("points_m", "turns_back"),
+    [
+        (in_and_out(0.0), True),
+        (in_and_out(0.02), True),
+        (in_and_out(0.3), False),
+        (bent_path(), False),
+        (bent_path()[:2], False),
+    ],
+)
+def test_a_bend_is_no_turning_back(points_m: Array, turns_back: bool) -> None:
+    path = path_through(points_m, 0.0)
+    handler = PathHandler(PathHandlerParams())
+    handler.set_path(path)
+    assert handler.end_m(path) == pytest.approx(2.0 if turns_back else path.length_m, abs=0.06)
 
 
 def test_the_end_of_the_path_is_a_path_still() -> None:

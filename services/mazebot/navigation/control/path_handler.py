@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from typing import Final, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -38,8 +39,23 @@ class LocalPath(NamedTuple):
     """Whether the last point is the goal."""
 
 
+_SPAN_M: Final = 0.1
+"""The path's direction at a point is that over this length before it, and after it."""
+_BACK_COS: Final = -0.5
+"""Of the angle between the two, where the path turns back."""
+_AT_TURN_M: Final = 0.2
+"""So near to where the path turns back the robot need not come nearer: Nav2's default of
+`inversion_xy_tolerance`.
+"""
+
+
 class PathHandler:
-    """Keeps a path and how far the robot has come on it."""
+    """Keeps a path and how far the robot has come on it.
+
+    A path through poses may turn back at one of them, and lead along the way that it came. Up to
+    there it is all that is ahead, as with Nav2's `enforce_path_inversion`: else the robot would
+    take a point on the way back for the one that it has reached.
+    """
 
     def __init__(self, params: PathHandlerParams) -> None:
         self._params = params
@@ -48,6 +64,8 @@ class PathHandler:
         self._backwards = np.empty(0, np.bool_)
         self._ahead = np.empty(0, np.int64)
         """Points that the path leaves forwards."""
+        self._turns: list[int] = []
+        """Points at which the path turns back."""
 
     def set_path(self, path: PlannedPath | None) -> None:
         """Begin at the start of a path; None: there is none."""
@@ -55,6 +73,14 @@ class PathHandler:
         if path is not None:
             self._backwards = path.backwards()
             self._ahead = np.flatnonzero(~self._backwards)
+            # A way out ends where the robot has to stand before it turns.
+            drives_back = np.append(False, self._backwards[:-1])
+            self._turns = [
+                turn
+                for turn in _turns_back(path)
+                if path.along_m[turn] > path.way_out_m + 1e-9
+                and self._backwards[turn] == drives_back[turn]
+            ]
 
     def advance(self, path: PlannedPath, pose: SE2) -> float:
         """Find the point nearest to the robot; returns the length of the path that is left."""
@@ -63,6 +89,15 @@ class PathHandler:
         if straight_m > 0.0:
             # What follows may lead along the same way in the other direction.
             search_m = min(search_m, straight_m + 1e-9)
+        turn = self._next_turn()
+        if turn is not None and straight_m == 0.0:
+            to_turn_m = float(path.along_m[turn] - path.along_m[self.index])
+            x_m, y_m = path.points_m[turn].tolist()
+            away_m = math.hypot(x_m - pose.x_m, y_m - pose.y_m)
+            if to_turn_m <= search_m and away_m <= _AT_TURN_M:
+                self.index = turn
+            else:
+                search_m = min(search_m, to_turn_m - 1e-9)
         self.index = path.nearest(pose.x_m, pose.y_m, self.index, search_m)
         return path.length_m - float(path.along_m[self.index])
 
@@ -76,12 +111,43 @@ class PathHandler:
             return here_m - float(path.along_m[end])
         return max(path.way_out_m - here_m, 0.0)
 
+    def end_m(self, path: PlannedPath) -> float:
+        """Length of the path up to where it next turns back, or ends."""
+        turn = self._next_turn()
+        return path.length_m if turn is None else float(path.along_m[turn])
+
+    def _next_turn(self) -> int | None:
+        return next((turn for turn in self._turns if turn > self.index), None)
+
     def local(self, path: PlannedPath, pose: SE2, spacing_m: float) -> LocalPath:
         """The path from the robot on, at most `prune_distance` of it."""
         first_m = path.foot(self.index, pose.x_m, pose.y_m).along_m
         remaining_m = max(path.length_m - first_m, 0.0)
-        length_m = min(remaining_m, self._params.prune_distance)
+        length_m = min(self.end_m(path) - first_m, self._params.prune_distance)
+        length_m = max(length_m, 0.0)
         count = max(1, round(length_m / spacing_m))
         points_m = even_points(path.points_m, path.along_m, first_m, length_m, count)
         step_m = max(length_m / count, 1e-6)
         return LocalPath(points_m, step_m, remaining_m, length_m >= remaining_m)
+
+
+def _turns_back(path: PlannedPath) -> list[int]:
+    """Indices of the points at which a path turns by more than 120 degrees at once."""
+    along_m = path.along_m
+    places = [
+        np.stack([np.interp(along_m + by_m, along_m, axis) for axis in path.points_m.T], axis=1)
+        for by_m in (-_SPAN_M, _SPAN_M)
+    ]
+    came, leaves = path.points_m - places[0], places[1] - path.points_m
+    product = (came * leaves).sum(axis=1)
+    lengths = np.sqrt((came * came).sum(axis=1) * (leaves * leaves).sum(axis=1))
+    # Of neighbours, the one at which it turns most.
+    found: list[int] = []
+    for index in np.flatnonzero(product < _BACK_COS * lengths).tolist():
+        if found and along_m[index] - along_m[found[-1]] < _SPAN_M:
+            before = found[-1]
+            if product[index] * lengths[before] < product[before] * lengths[index]:
+                found[-1] = index
+        else:
+            found.append(index)
+    return found

@@ -100,7 +100,7 @@ class RegulatedPurePursuitController(PathFollower):
         p, pose = self._params, around.map_from_base
         at_m = float(path.along_m[self.index])
         remaining_m = path.length_m - at_m
-        carrot_m = path.point_at(at_m + self._lookahead_m())
+        carrot_m = path.point_at(min(at_m + self._lookahead_m(), self._handler.end_m(path)))
         base_from_carrot = pose.inverse() @ SE2(*carrot_m, 0.0)
         ahead_m, aside_m, _ = base_from_carrot
         bearing_rad = portable_kernels.atan2(aside_m, ahead_m)
