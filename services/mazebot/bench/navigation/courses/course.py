@@ -15,6 +15,7 @@ from mazebot.bench.navigation.scenario import Options, Row
 from mazebot.bench.navigation.surroundings import Post, PutThing, Surroundings
 from mazebot.bench.navigation.witness import Witness
 from mazebot.common.maths.frames import MAP_FRAME, SE2, quaternion_from_yaw
+from mazebot.common.messages import action_documents as act
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.documents import (
     BodyEntity,
@@ -24,7 +25,12 @@ from mazebot.common.messages.documents import (
     ScriptedPath,
     Shape,
 )
-from mazebot.common.messages.topics import GOAL_POSE, NAVIGATION_STATUS
+from mazebot.common.messages.topics import (
+    ACTION_RESULT,
+    GOAL_POSE,
+    NAVIGATION_STATUS,
+    SEND_GOAL,
+)
 from mazebot.common.robot.waffle import MAX_LINEAR_M_S
 from mazebot.embedded.session import RefusedError, Session
 from mazebot.physics.config import STEPS_PER_SECOND
@@ -146,6 +152,25 @@ class Course:
         row.success = row.reached and not (contacts_fail and row.contacts_robot)
         return row
 
+    def act(self, goal: act.ActionGoal, row: Row, limit_s: float) -> act.ActionResult | None:
+        """Send an action and wait for its end, and note its code; None: there is no result."""
+        sent = act.SendGoal(goal_id=f"bench_{goal.action}", goal=goal)
+        reply = self.session.ask(SEND_GOAL, sent)
+        row.error_code, row.error_msg = reply.error_code, reply.error_msg
+        if not reply.accepted:
+            return None
+        start_s = self.now_s
+        with self.session.watching(ACTION_RESULT) as results:
+            while not results and self.now_s - start_s < limit_s:
+                self.tick()
+        if not results:
+            row.error_msg = f"no result within {limit_s:.0f} s"
+            return None
+        result = results[0]
+        row.error_code, row.error_msg = result.error_code, result.error_msg
+        row.recoveries = result.number_of_recoveries
+        return result
+
     def send(self, goal: SE2) -> int:
         """Send a goal; its stamp."""
         # Stamps identify goals: two must not share one.
@@ -215,11 +240,16 @@ class Course:
             return False
         return True
 
-    def _row(self, result: NavigationResult | None, limit_s: float) -> Row:
+    def row(self) -> Row:
+        """The row of the next trial."""
         row = Row(self.scenario, self.place.shown, self.seed, self.trials)
         if not self.trials:
             row.scene = self.around.outlines()
         self.trials += 1
+        return row
+
+    def _row(self, result: NavigationResult | None, limit_s: float) -> Row:
+        row = self.row()
         if result is None:
             row.error_msg = f"no result within {limit_s:.0f} s"
         else:

@@ -13,14 +13,8 @@ from mazebot.bench.navigation.courses.course import Course
 from mazebot.bench.navigation.scenario import Options, Row, skipped
 from mazebot.bench.navigation.surroundings import Surroundings
 from mazebot.common.maths.frames import BASE_FOOTPRINT_FRAME, CAMERA_OPTICAL_FRAME, SE2, wrap_angle
-from mazebot.common.messages.action_documents import ActionResult, DockRobot, SendGoal, UndockRobot
-from mazebot.common.messages.topics import (
-    ACTION_RESULT,
-    CAMERA_INFO,
-    ENTITIES,
-    SEND_GOAL,
-    TF_STATIC,
-)
+from mazebot.common.messages.action_documents import DockRobot, UndockRobot
+from mazebot.common.messages.topics import CAMERA_INFO, ENTITIES, TF_STATIC
 from mazebot.common.node.frame_tree import FrameTree
 from mazebot.common.node.node import random_generator
 from mazebot.navigation.behavior.context import Dock
@@ -130,7 +124,7 @@ def _dock(course: Course, dock: Dock) -> Row:
     course.wait_until_active()
     start_s = course.now_s
     row = Row(course.scenario, course.place.shown, course.seed, 0, scene=course.around.outlines())
-    result = _act(course, DockRobot(dock_id=dock.marker_id), row)
+    result = course.act(DockRobot(dock_id=dock.marker_id), row, _LIMIT_S)
     course.run_for(0.5)
     row.time_s = course.now_s - start_s
     docked = course.pose
@@ -154,25 +148,8 @@ def _dock(course: Course, dock: Dock) -> Row:
 
 def _undocks(course: Course, docked: SE2, row: Row) -> bool:
     """Whether the robot goes back from its dock when it is asked to."""
-    result = _act(course, UndockRobot(), row)
+    result = course.act(UndockRobot(), row, _LIMIT_S)
     course.run_for(0.5)
     row.extra["undocked_m"] = docked.distance_m(course.pose)
     least_m = -LEAST_STAGING_SHARE * DockingParams().staging_x_offset
     return result is not None and row.error_code == 0 and row.extra["undocked_m"] > least_m - 0.05
-
-
-def _act(course: Course, goal: DockRobot | UndockRobot, row: Row) -> ActionResult | None:
-    """Send an action and wait for its end, and note its code; None: there is no result."""
-    reply = course.session.ask(SEND_GOAL, SendGoal(goal_id=f"bench_{goal.action}", goal=goal))
-    row.error_code, row.error_msg = reply.error_code, reply.error_msg
-    if not reply.accepted:
-        return None
-    start_s = course.now_s
-    with course.session.watching(ACTION_RESULT) as results:
-        while not results and course.now_s - start_s < _LIMIT_S:
-            course.tick()
-    if not results:
-        row.error_msg = f"no result within {_LIMIT_S:.0f} s"
-        return None
-    row.error_code, row.error_msg = results[0].error_code, results[0].error_msg
-    return results[0]

@@ -10,6 +10,7 @@ from mazebot.bench.navigation.courses import (
     lost,
     moving,
     people,
+    through,
     tours,
     trust,
 )
@@ -32,6 +33,10 @@ SCENARIOS: tuple[Scenario, ...] = (
     Scenario(
         "random_goals", "four random goals in each shipped world", tours.random_goals, 20, 2,
         "all goals, 0 contacts",
+    ),
+    Scenario(
+        "through_poses", "through four random poses without a stop, some in dead ends",
+        through.through_poses, 20, 4, "20 of 20, 0 contacts",
     ),
     Scenario(
         "mazes", "a maze of 10 x 10 cells with loops, there and back", tours.maze, 20, 4,
