@@ -102,7 +102,7 @@ def _drive(robot: Robot, state: Teleop, fd: int, show: Callable[[str], None]) ->
         if monitor is not None and monitor.action != "do_nothing":
             text += f"; collision monitor: {monitor.action}"
         status = robot.latest(NAVIGATION_STATUS)
-        if status is not None and status.state != "idle":
+        if status is not None and status.is_busy:
             text += "; a task is running: `mazebot cancel` cancels it"
         show(text)
 
