@@ -123,8 +123,7 @@ class PathHandler:
         """The path from the robot on, at most `prune_distance` of it."""
         first_m = path.foot(self.index, pose.x_m, pose.y_m).along_m
         remaining_m = max(path.length_m - first_m, 0.0)
-        length_m = min(self.end_m(path) - first_m, self._params.prune_distance)
-        length_m = max(length_m, 0.0)
+        length_m = min(max(self.end_m(path) - first_m, 0.0), self._params.prune_distance)
         count = max(1, round(length_m / spacing_m))
         points_m = even_points(path.points_m, path.along_m, first_m, length_m, count)
         step_m = max(length_m / count, 1e-6)

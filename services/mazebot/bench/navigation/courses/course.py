@@ -143,7 +143,8 @@ class Course:
                 call(self, self.now_s - start_s)
             result = self.witness.results.get(stamp_ns)
         end_s = self.now_s
-        row = self._row(result, limit_s)
+        row = self.row()
+        _note(row, result, limit_s)
         self.run_for(settle_s)
         if result is None and not until():
             self._cancel()
@@ -163,12 +164,8 @@ class Course:
         with self.session.watching(ACTION_RESULT) as results:
             while not results and self.now_s - start_s < limit_s:
                 self.tick()
-        if not results:
-            row.error_msg = f"no result within {limit_s:.0f} s"
-            return None
-        result = results[0]
-        row.error_code, row.error_msg = result.error_code, result.error_msg
-        row.recoveries = result.number_of_recoveries
+        result = results[0] if results else None
+        _note(row, result, limit_s)
         return result
 
     def send(self, goal: SE2) -> int:
@@ -248,21 +245,20 @@ class Course:
         self.trials += 1
         return row
 
-    def _row(self, result: NavigationResult | None, limit_s: float) -> Row:
-        row = self.row()
-        if result is None:
-            row.error_msg = f"no result within {limit_s:.0f} s"
-        else:
-            row.error_code, row.error_msg = result.error_code, result.error_msg
-            row.recoveries = result.number_of_recoveries
-        return row
-
     def _cancel(self) -> None:
         try:
             self.session.cancel()
         except RefusedError:
             return
         self.run_for(1.0)
+
+
+def _note(row: Row, result: NavigationResult | act.ActionResult | None, limit_s: float) -> None:
+    if result is None:
+        row.error_msg = f"no result within {limit_s:.0f} s"
+    else:
+        row.error_code, row.error_msg = result.error_code, result.error_msg
+        row.recoveries = result.number_of_recoveries
 
 
 def rectangle(pose: SE2, size_m: tuple[float, float]) -> shapely.Polygon:

@@ -123,7 +123,7 @@ def _choice(
 def _dock(course: Course, dock: Dock) -> Row:
     course.wait_until_active()
     start_s = course.now_s
-    row = Row(course.scenario, course.place.shown, course.seed, 0, scene=course.around.outlines())
+    row = course.row()
     result = course.act(DockRobot(dock_id=dock.marker_id), row, _LIMIT_S)
     course.run_for(0.5)
     row.time_s = course.now_s - start_s
