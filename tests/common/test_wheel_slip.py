@@ -97,6 +97,19 @@ def test_a_robot_that_turns_about_what_it_pushes_is_followed() -> None:
     assert math.hypot(turned.x_m, turned.y_m) < 0.08
 
 
+@pytest.mark.parametrize("left_m", [0.012, -0.018])
+def test_a_robot_that_slides_along_what_it_pushes_is_followed(left_m: float) -> None:
+    run = Run()
+    list(run.drive(STEP, STEP, 1.0))
+    slides = SE2(0.0, left_m, 0.0)
+    assert any(run.drive(STEP, slides, 0.6))
+    before, true = run.corrected, run.true
+    list(run.drive(STEP, slides, 1.5))
+    slid, to = before.inverse() @ run.corrected, true.inverse() @ run.true
+    assert slid.distance_m(to) < 0.05
+    assert abs(slid.yaw_rad) < 0.1
+
+
 def test_it_ends_when_the_robot_drives_back() -> None:
     run = Run()
     list(run.drive(STEP, STEP, 1.0))

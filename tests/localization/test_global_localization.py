@@ -215,6 +215,21 @@ class TestKidnapped:
         seconds_until(made, "localized", 30.0)
         assert made.error()[1] < 0.1
 
+    @pytest.mark.parametrize(("world", "seed"), [("sim_house", 11), ("maze_rooms", 0)])
+    def test_it_is_noticed_while_the_robot_stands(self, world: str, seed: int) -> None:
+        """Many beams end before the map's walls, as beside a thing; elsewhere all end at walls."""
+        made = at_known_pose(offline.shipped(world), seed)
+        for _ in range(60):
+            made.wander()
+        before = made.pose
+        while made.pose.distance_m(before) < 1.5:
+            made.kidnap(made.place.free_pose(made.rng))
+        for _ in range(100):
+            made.drive(0.0, 0.0)
+            if made.loc.state != "localized":
+                break
+        assert made.loc.state != "localized", made.loc.reasons
+
     def test_a_wrong_initial_pose_is_mended(self) -> None:
         made = robot(house(), 12)
         made.loc.initialize(made.place.free_pose(np.random.default_rng(99)), NEAR)

@@ -623,7 +623,10 @@ class Localization:
         needed = max(self._monitor.quality + self._params.lost_margin, _CERTAIN_QUALITY)
         good = qualities(counts, self._params.dynamic_share) >= needed
         nowhere = against_echoes - NOWHERE_COST * view.returns * view.likelihood_weight
-        advantage = (against + likelihoods[good]).max(initial=max(0.0, nowhere))
+        # At the other pose, what ends before the map's walls counts against it. So it does here,
+        # but for no more than what else is against this pose: alone, it is things beside the robot.
+        hidden = min(against, MISS_COST * float(mine[SHORT]) * view.likelihood_weight)
+        advantage = (against + hidden + likelihoods[good]).max(initial=max(0.0, nowhere))
         return self._monitor.outweighs(odom_from_base, BEAM_WEIGHT * float(advantage))
 
     def _is_refuted(self, stamp_ns: int, odom_from_base: SE2, seen: Sequence[Sighting]) -> bool:

@@ -2,8 +2,9 @@
 instead: by scans a short drive apart.
 
 A scan is compared with one before that the wheels say was taken elsewhere. While odometry explains
-both, that is all. Where it does not, the motion is sought that does, among shares of odometry's way
-and turns of the robot: it is a slip if far less than odometry's way explains the scans far better.
+both, that is all. Where it does not, the motion is sought that does, among shares of odometry's
+way, ways aside, as along a thing that the robot pushes against, and turns: it is a slip if far less
+than odometry's way explains the scans far better.
 Scans that do not tell, as of open floor or along a corridor, change nothing. A scan measures turns
 better than a gyroscope's readings do, and costs less than these at their rate.
 """
@@ -13,7 +14,7 @@ from __future__ import annotations
 import logging
 import math
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -31,9 +32,13 @@ _WITHIN_NS: Final = 1_500_000_000
 _STILL_M, _STILL_RAD = 0.01, 0.02
 """Wheels that turn by less between two scans stand."""
 _SHARES: Final = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
+_ASIDES: Final = np.array([0.25, -0.25, 0.5, -0.5, 0.75, -0.75])
+"""Ways to the left, as shares of odometry's way."""
 _SLIP_SHARE: Final = 0.5
 """Of odometry's way: what is more is a wrong scale, which the filter learns."""
 _TURNS_RAD: Final = np.linspace(-0.3, 0.3, 31)
+_NEAR_RAD: Final = np.linspace(-0.04, 0.04, 5)
+"""About the turn that fits best without a way aside."""
 _MOST_M: Final = 0.15
 """A beam's misfit counts as no more: it met another thing."""
 _USUAL_M: Final = 0.012
@@ -99,7 +104,7 @@ class WheelSlip:
         seen = _Seen(scan.stamp_ns, odom_from_base, self._steady(odom_from_base), scan)
         while self._seen and scan.stamp_ns - self._seen[0].stamp_ns > _WITHIN_NS:
             self._seen.popleft()
-        changed = False
+        steady: SE2 | None = None
         if self._seen:
             if self.slips and not _moves(self._seen[-1], seen, _STILL_M, _STILL_RAD):
                 # Wheels that stand do not slip.
@@ -108,12 +113,13 @@ class WheelSlip:
                 (one for one in reversed(self._seen) if _moves(one, seen, _WAY_M, _TURN_RAD)), None
             )
             if before is not None:
-                changed = self._compare(before, seen)
-        self._seen.append(seen)
-        if changed:
+                steady = self._compare(before, seen)
+        if steady is not None:
             # What was corrected until now was not right.
             self._seen.clear()
-        return changed
+            seen = replace(seen, steady_from_base=steady)
+        self._seen.append(seen)
+        return steady is not None
 
     @property
     def corrected(self) -> SE2:
@@ -129,14 +135,15 @@ class WheelSlip:
         steady = self.steady_from_odom
         return odom_from_base if steady is None else steady @ odom_from_base
 
-    def _compare(self, before: _Seen, seen: _Seen) -> bool:
+    def _compare(self, before: _Seen, seen: _Seen) -> SE2 | None:
+        """The corrected pose at a scan, by one before; None: it stays."""
         moved = before.odom_from_base.inverse() @ seen.odom_from_base
         x, y, turn = (float(value) for value in moved)
         before_m, now_m = (np.array(one.scan.ranges_m, np.float32) for one in (before, seen))
         lidar = _lidar_of(seen.scan)
         by_odometry_m = _misfit_m(before_m, now_m, lidar, x, y, turn)
         if by_odometry_m < 0.0:
-            return False
+            return None
         limit_m = _MISFIT_RATIO * self._usual_m + _MISFIT_M
         if by_odometry_m <= limit_m:
             if not self.slips:
@@ -146,43 +153,46 @@ class WheelSlip:
             if at_rest_m <= by_odometry_m / _BETTER:
                 # As along a corridor: it may stand as well.
                 self._agreed = 0
-                return False
+                return None
             return self._judge(before, seen, 1.0, turn)
-        share, best_turn, best_m = _best_motion(
-            before_m, now_m, lidar, x, y, turn, _SHARES, _TURNS_RAD
+        share, aside, best_turn, best_m = _best_motion(
+            before_m, now_m, lidar, x, y, turn, _SHARES, _ASIDES, _TURNS_RAD, _NEAR_RAD
         )
         if best_m > limit_m or best_m > _BETTER * by_odometry_m:
             self._agreed = 0
-            return False
-        return self._judge(before, seen, float(share), float(best_turn))
+            return None
+        return self._judge(before, seen, float(share), float(best_turn), float(aside))
 
-    def _judge(self, before: _Seen, seen: _Seen, share: float, turn_rad: float) -> bool:
-        """Take in a comparison's result; whether the correction has changed."""
+    def _judge(
+        self, before: _Seen, seen: _Seen, share: float, turn_rad: float, aside: float = 0.0
+    ) -> SE2 | None:
+        """Take in a comparison's result; the corrected pose at the scan, or None."""
         slips = share <= _SLIP_SHARE
         if slips == self.slips:
             self._agreed = 0
             if not slips:
-                return False
+                return None
         else:
             self._agreed += 1
             if self._agreed < _AGAIN:
-                return False
+                return None
         self.slips, self._agreed = slips, 0
         moved = before.odom_from_base.inverse() @ seen.odom_from_base
-        steady = before.steady_from_base @ SE2(share * moved.x_m, share * moved.y_m, turn_rad)
+        x_m, y_m = _shared(share, aside, moved.x_m, moved.y_m)
+        steady = before.steady_from_base @ SE2(x_m, y_m, turn_rad)
         latest = self._history.latest[1]
-        if not slips:
-            steady = steady @ (seen.odom_from_base.inverse() @ latest)
-        self._steady_from_base = steady
-        self.steady_from_odom = steady @ latest.inverse()
-        return True
+        now = steady if slips else steady @ (seen.odom_from_base.inverse() @ latest)
+        self._steady_from_base, self.steady_from_odom = now, now @ latest.inverse()
+        return steady
 
 
 def compile_kernels() -> None:
     """Compile what a comparison calls, which a run comes to late."""
     ranges_m, lidar = np.ones(360, np.float32), np.array([0.0, 0.0175, 0.1, 3.5, 0.0, 0.0, 0.0])
     _misfit_m(ranges_m, ranges_m, lidar, 0.1, 0.0, 0.0)
-    _best_motion(ranges_m, ranges_m, lidar, 0.1, 0.0, 0.0, _SHARES, _TURNS_RAD[:1])
+    _best_motion(
+        ranges_m, ranges_m, lidar, 0.1, 0.0, 0.0, _SHARES, _ASIDES, _TURNS_RAD[:1], _NEAR_RAD
+    )
 
 
 def log_slip(logger: logging.Logger, slips: bool, slipped: bool) -> None:
@@ -196,6 +206,11 @@ def log_slip(logger: logging.Logger, slips: bool, slipped: bool) -> None:
 def _moves(before: _Seen, now: _Seen, way_m: float, turn_rad: float) -> bool:
     a, b = before.odom_from_base, now.odom_from_base
     return a.distance_m(b) >= way_m or abs(wrap_angle(b.yaw_rad - a.yaw_rad)) >= turn_rad
+
+
+def _shared(share: float, aside: float, x_m: float, y_m: float) -> tuple[float, float]:
+    """A share of a way, and one to the left of it."""
+    return share * x_m - aside * y_m, share * y_m + aside * x_m
 
 
 def _lidar_of(scan: Scan) -> Array:
@@ -256,11 +271,14 @@ def _best_motion(
     y_m: float,
     turn_rad: float,
     shares: Array,
+    asides: Array,
     turns_rad: Array,
-) -> tuple[float, float, float]:
-    """The share of odometry's way and the turn that fit best, and their misfit.
+    near_rad: Array,
+) -> tuple[float, float, float, float]:
+    """The shares of odometry's way ahead and aside and the turn that fit best, and their misfit.
 
-    Turns about none and about that of odometry are tried: `turns_rad` are added to both.
+    Turns about none and about that of odometry are tried: `turns_rad` are added to both. Of ways
+    aside, those with turns near the best one without are: `near_rad` are added to it.
     """
     best_share, best_turn, best_m = 1.0, turn_rad, np.inf
     for share in shares:
@@ -269,4 +287,13 @@ def _best_motion(
                 misfit_m = _misfit_m(before_m, now_m, lidar, share * x_m, share * y_m, about + add)
                 if 0.0 <= misfit_m < best_m:
                     best_share, best_turn, best_m = share, about + add, misfit_m
-    return best_share, best_turn, best_m
+    best_aside, about = 0.0, best_turn
+    for share in shares:
+        for aside in asides:
+            to_x, to_y = share * x_m - aside * y_m, share * y_m + aside * x_m
+            for add in near_rad:
+                misfit_m = _misfit_m(before_m, now_m, lidar, to_x, to_y, about + add)
+                if 0.0 <= misfit_m < best_m:
+                    best_share, best_aside = share, aside
+                    best_turn, best_m = about + add, misfit_m
+    return best_share, best_aside, best_turn, best_m

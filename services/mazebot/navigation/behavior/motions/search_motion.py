@@ -25,8 +25,8 @@ _FAR_M, _NEW_M = 2.0, 2.0
 """Free length and distance from known places beyond which more is not better."""
 _CRUMB_M = 0.3
 _LEG_M = 1.2
-_ESCAPE_M_S = 0.1
-"""Away from something that a turn would touch."""
+_ESCAPE_M_S, _ESCAPE_RAD_S = 0.1, 0.5
+"""Away from something that a turn would touch; on an arc where a drive straight does so, too."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,8 +79,13 @@ class SearchMotion:
                 Velocity(on_m_s, 0.0),
                 Velocity(-on_m_s, 0.0),
                 Velocity(0.0, -wanted.angular_rad_s),
+                *(
+                    Velocity(ahead * on_m_s, math.copysign(_ESCAPE_RAD_S, turn))
+                    for ahead in (1.0, -1.0)
+                    for turn in (wanted.angular_rad_s, -wanted.angular_rad_s)
+                ),
             ):
-                limited = self._limited(escape)
+                limited = self._limited(self._along(escape))
                 if time_to_collision(limited) > self._params.min_time_to_collision_s:
                     velocity = limited
                     break
@@ -137,12 +142,25 @@ class SearchMotion:
                 best_rad, best = heading_rad, score
         return wrap_angle(best_rad)
 
-    def _limited(self, wanted: Velocity) -> Velocity:
-        p, last = self._params, self._velocity
-        dv, dw = (
+    def _along(self, wanted: Velocity) -> Velocity:
+        """As fast as the accelerations permit on the same arc."""
+        share = 1.0
+        for goal, last, step in zip(wanted, self._velocity, self._steps, strict=True):
+            if goal != 0.0:
+                share = min(share, max(0.0, math.copysign(1.0, goal) * last + step) / abs(goal))
+        return Velocity(share * wanted.linear_m_s, share * wanted.angular_rad_s)
+
+    @property
+    def _steps(self) -> tuple[float, float]:
+        """By how much the velocity may change in a period."""
+        p = self._params
+        return (
             p.linear_accel_m_s2 * p.control_period_s,
             p.angular_accel_rad_s2 * p.control_period_s,
         )
+
+    def _limited(self, wanted: Velocity) -> Velocity:
+        last, (dv, dw) = self._velocity, self._steps
         return Velocity(
             min(max(wanted.linear_m_s, last.linear_m_s - dv), last.linear_m_s + dv),
             min(max(wanted.angular_rad_s, last.angular_rad_s - dw), last.angular_rad_s + dw),
