@@ -156,6 +156,21 @@ def test_a_straight_way_out_is_driven_before_a_turn(name: str, back: bool) -> No
 
 
 @pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("back_to_m", [0.8, 1.2])
+def test_a_goal_on_the_way_to_where_the_path_turns_back_is_reached_after_it(
+    name: str, back_to_m: float
+) -> None:
+    """Also where little of the path is left there, and where the robot stands on it."""
+    costmap, faces = room()
+    path = line((0.8, 2.0), (1.6, 2.0), (back_to_m, 2.0))
+    robot = Unicycle(SE2(0.8, 2.0, 0.0))
+    told = drive(made(name), costmap, robot, path.goal, faces, path=path, limit_s=20.0)
+    assert told.reached
+    assert max(pose.x_m for pose in told.poses) > 1.4
+    assert told.poses[-1].distance_m(path.goal) < 0.12
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_the_goal_is_reached_only_when_the_robot_stands(name: str) -> None:
     costmap, _ = room()
     controller = made(name)

@@ -102,11 +102,16 @@ def test_a_path_that_turns_back_is_followed_to_there_first() -> None:
         local = handler.local(path, pose, 0.05)
         assert local.points_m[0] == pytest.approx((x_m, 0.0))
         assert local.points_m[-1] == pytest.approx((2.0, 0.0))
-        assert not local.ends
+        assert local.ends
+        assert local.remaining_m == pytest.approx(2.0 - x_m)
+        assert local.goal == pytest.approx((2.0, 0.0, 0.0))
+        assert handler.turns_back()
     # From here on the way back is what is ahead.
     assert handler.advance(path, SE2(1.85, 0.0, 0.0)) == pytest.approx(1.9, abs=0.11)
     local = handler.local(path, SE2(1.85, 0.0, 0.0), 0.05)
     assert local.points_m[-1, 0] < 0.4
+    assert local.goal == path.goal
+    assert not handler.turns_back()
     assert handler.end_m(path) == path.length_m
 
 

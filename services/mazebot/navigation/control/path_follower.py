@@ -89,7 +89,9 @@ class PathFollower(ABC):
         remaining_m = self._handler.advance(path, pose)
         goal = path.goal
         to_goal_m = pose.distance_m(goal)
-        if self._goal_checker.check_position(pose, goal, remaining_m):
+        # On the way to where it turns back, a path may pass the goal.
+        left_m = math.inf if self._handler.turns_back() else remaining_m
+        if self._goal_checker.check_position(pose, goal, left_m):
             return self._turn_to_goal(elapsed_s, around, goal, to_goal_m)
         straight = self._straight(elapsed_s, around, path)
         if straight is not None:

@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from mazebot.common.config import Params
+from mazebot.common.maths import portable_kernels
 from mazebot.common.maths.frames import SE2, Array
 from mazebot.navigation.planning.path import PlannedPath, even_points
 
@@ -34,9 +35,12 @@ class LocalPath(NamedTuple):
     """(n, 2) float64 in the map frame, n >= 2."""
     spacing_m: float
     remaining_m: float
-    """Length of the whole path that is left, beyond these points too."""
+    """Length of the path that is left up to where it turns back, or ends, beyond these points too.
+    """
     ends: bool
-    """Whether the last point is the goal."""
+    """Whether the last point is that place."""
+    goal: SE2
+    """That place, with the heading to arrive with."""
 
 
 _SPAN_M: Final = 0.1
@@ -116,18 +120,30 @@ class PathHandler:
         turn = self._next_turn()
         return path.length_m if turn is None else float(path.along_m[turn])
 
+    def turns_back(self) -> bool:
+        """Whether the path turns back before it ends."""
+        return self._next_turn() is not None
+
     def _next_turn(self) -> int | None:
         return next((turn for turn in self._turns if turn > self.index), None)
 
     def local(self, path: PlannedPath, pose: SE2, spacing_m: float) -> LocalPath:
         """The path from the robot on, at most `prune_distance` of it."""
         first_m = path.foot(self.index, pose.x_m, pose.y_m).along_m
-        remaining_m = max(path.length_m - first_m, 0.0)
-        length_m = min(max(self.end_m(path) - first_m, 0.0), self._params.prune_distance)
+        remaining_m = max(self.end_m(path) - first_m, 0.0)
+        length_m = min(remaining_m, self._params.prune_distance)
         count = max(1, round(length_m / spacing_m))
         points_m = even_points(path.points_m, path.along_m, first_m, length_m, count)
         step_m = max(length_m / count, 1e-6)
-        return LocalPath(points_m, step_m, remaining_m, length_m >= remaining_m)
+        return LocalPath(points_m, step_m, remaining_m, length_m >= remaining_m, self._goal(path))
+
+    def _goal(self, path: PlannedPath) -> SE2:
+        turn = self._next_turn()
+        if turn is None:
+            return path.goal
+        x_m, y_m = path.points_m[turn].tolist()
+        before_x_m, before_y_m = path.point_at(float(path.along_m[turn]) - _SPAN_M)
+        return SE2(x_m, y_m, portable_kernels.atan2(y_m - before_y_m, x_m - before_x_m))
 
 
 def _turns_back(path: PlannedPath) -> list[int]:

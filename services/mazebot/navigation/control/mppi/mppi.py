@@ -180,7 +180,7 @@ class MPPIController(PathFollower):
             if attempt:
                 # Around a standstill: a sequence that collides leads nowhere.
                 self._linear[:] = self._angular[:] = 0.0
-            if self._optimise(start, around, local, path.goal):
+            if self._optimise(start, around, local):
                 velocity = self._from_sequence(elapsed_s, around.speed_limit_m_s)
                 if self._can_stop(around, velocity):
                     self._since_optimised = 0
@@ -236,12 +236,12 @@ class MPPIController(PathFollower):
         self._since_optimised = self._params.periods_per_optimisation
         return velocity
 
-    def _optimise(self, start: Velocity, around: Surroundings, local: LocalPath, goal: SE2) -> bool:
+    def _optimise(self, start: Velocity, around: Surroundings, local: LocalPath) -> bool:
         """Improve the sequence; whether it stays free of collisions."""
         p, scene = self._params, None
         for _ in range(p.iteration_count):
             self._roll_out(start, around.map_from_base.yaw_rad)
-            scene = self._scene(around, local, goal)
+            scene = self._scene(around, local)
             for name, critic in self._critics:
                 if name == "GoalCritic":
                     self._set_furthest(scene)
@@ -261,8 +261,8 @@ class MPPIController(PathFollower):
             self._linear, self._angular, *self._noise, first, self._constant, self._limits, rollouts
         )
 
-    def _scene(self, around: Surroundings, local: LocalPath, goal: SE2) -> Scene:
-        pose, window = around.map_from_base, self._window
+    def _scene(self, around: Surroundings, local: LocalPath) -> Scene:
+        pose, window, goal = around.map_from_base, self._window, local.goal
         self._costs[:] = 0.0
         self._collides[:] = False
         ahead_m = np.asarray(local.points_m - np.array(pose[:2]), np.float32)
