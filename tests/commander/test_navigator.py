@@ -122,6 +122,21 @@ def test_a_path_is_planned_without_driving(navigator: Navigator, session: Sessio
     assert session.ground_truth().distance_m(before) < 0.001
 
 
+def test_the_error_is_that_of_what_was_asked_for_last(navigator: Navigator) -> None:
+    assert navigator.wait(0.1)
+    assert finished(navigator) is TaskResult.SUCCEEDED
+    assert navigator.getPath(None, (99.0, 0.0)) is None
+    assert navigator.getTaskError()[0] == ErrorCode.GOAL_OUTSIDE_MAP
+    assert navigator.getResult() is TaskResult.SUCCEEDED
+    assert navigator.getPath(None, (0.5, -0.9)) is not None
+    assert navigator.getTaskError() == (0, "")
+    navigator.setTaskError(9, "of my own")
+    assert navigator.getTaskError() == (9, "of my own")
+    assert navigator.wait(0.1)
+    assert navigator.getTaskError() == (0, "")
+    assert finished(navigator) is TaskResult.SUCCEEDED
+
+
 def test_costmaps_can_be_cleared_and_read(navigator: Navigator, session: Session) -> None:
     navigator.clearAllCostmaps()
     navigator.clearCostmapAroundRobot(1.0)

@@ -101,7 +101,8 @@ class Navigator:
         self._timeout_s = timeout_s
         self._name = name or uuid.uuid4().hex[:12]
         self._numbers = itertools.count(1)
-        self._error = (0, "")
+        self._error: tuple[int, str] | None = None
+        """Of what was asked for since the task began; None: nothing was, or the task counts."""
         self._initial_pose: Planar | None = None
         self._closing = ExitStack()
         self._closing.callback(robot.watch(_WATCH))
@@ -297,17 +298,21 @@ class Navigator:
         """How the task ended; UNKNOWN while it is active, FAILED where it was not accepted."""
         if self._action.result is not None:
             return _RESULTS[self._action.result.status]
-        return TaskResult.FAILED if self._error[0] else TaskResult.UNKNOWN
+        return TaskResult.FAILED if self.getTaskError()[0] else TaskResult.UNKNOWN
 
     def getActionResult(self) -> act.ActionResult | None:
         """The whole result, with waypoints and recoveries; None while the task is active."""
         return self._action.result
 
     def getTaskError(self) -> tuple[int, str]:
-        """(error code, text) of the task; (0, "") where there is none."""
+        """(error code, text) of the task, or of a path or map asked for since; (0, "") where there
+        is none.
+        """
+        if self._error is not None:
+            return self._error
         if self._action.result is not None:
             return self._action.result.error_code, self._action.result.error_msg
-        return self._error
+        return 0, ""
 
     def setTaskError(self, error_code: int, error_msg: str) -> None:
         """Set what `getTaskError` returns."""
@@ -316,7 +321,7 @@ class Navigator:
     def clearPreviousState(self) -> None:
         """Forget the last task."""
         self._action.forget()
-        self._error = (0, "")
+        self._error = None
 
     def waitUntilNav2Active(
         self, navigator: str = "bt_navigator", localizer: str = "amcl", timeout_s: float = 60.0
