@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from mazebot.common.maths.frames import SE2
+from mazebot.common.messages.documents import Planar
+from mazebot.common.messages.error_codes import ErrorCode
 from mazebot.navigation.behavior import actions
 from mazebot.navigation.behavior.actions import Request, TaskResult, TaskStatus
 from mazebot.navigation.behavior.engine.blackboard import Blackboard
 from mazebot.navigation.behavior.engine.tree import BehaviorTree, Node, NodePlace, NodeStatus
 from mazebot.navigation.behavior.engine.tree_log import TreeLog
-from mazebot.navigation.messages import result_action
+from mazebot.navigation.messages import planned_path, result_action
 from mazebot.navigation.planning.path import path_through
 from tests.navigation.behavior.scripted_tree import Scripted
 
@@ -102,3 +104,32 @@ def test_a_node_that_answers_at_once_is_seen_by_who_looks_seldom() -> None:
     log.add(other)
     log.add(None)
     assert taken() == []
+
+
+def out_and_on(back: int, yaw_rad: float) -> tuple[Planar, ...]:
+    """So many steps of 0.1 m back, with a heading, and from there 1 m to the left."""
+    ends_at = -0.1 * back
+    away = [Planar(x_m=-0.1 * i, y_m=0.0, yaw_rad=yaw_rad) for i in range(back)]
+    left = [Planar(x_m=ends_at, y_m=0.1 * i, yaw_rad=np.pi / 2) for i in range(11)]
+    return (*away, *left)
+
+
+@pytest.mark.parametrize(
+    ("poses", "backwards"),
+    [
+        (out_and_on(3, 0.0), 3),
+        (out_and_on(3, 0.1), 3),
+        (out_and_on(3, np.pi), 0),
+        (out_and_on(3, 1.0), 0),
+        # Longer than a robot should drive without looking.
+        (out_and_on(15, 0.0), 0),
+        # As from a planner that gives no headings.
+        (tuple(pose.model_copy(update={"yaw_rad": 0.0}) for pose in out_and_on(3, 0.0)), 0),
+    ],
+)
+def test_a_path_is_driven_backwards_where_its_headings_ask_for_it(
+    poses: tuple[Planar, ...], backwards: int
+) -> None:
+    path = planned_path(poses, ErrorCode.INVALID_PATH)
+    assert np.flatnonzero(path.backwards()).tolist() == list(range(backwards))
+    assert path.goal == poses[-1].se2()

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,11 @@ from numpy.typing import NDArray
 from mazebot.common.maths import portable, portable_kernels
 from mazebot.common.maths.frames import SE2, Array
 from mazebot.common.maths.kernels import kernel
+
+_BACKWARDS_M: Final = 1.0
+"""No longer piece of a path that somebody gives is driven backwards."""
+_PARALLEL_COS: Final = 0.98
+"""Of the angle between two directions that are one."""
 
 
 class Foot(NamedTuple):
@@ -161,3 +166,21 @@ def path_through(points_m: Array, goal_yaw_rad: float) -> PlannedPath:
     lengths_m = portable.hypot_each(steps[:, 0], steps[:, 1])
     yaws_rad = np.append(_headings_rad(steps), goal_yaw_rad)
     return PlannedPath(points_m, yaws_rad, np.concatenate([[0.0], np.cumsum(lengths_m)]))
+
+
+def with_pieces_backwards(path: PlannedPath, yaws_rad: Array) -> PlannedPath:
+    """The path with those pieces backwards that the headings (n,) of its poses ask for: straight
+    ones of at most 1 m, as where a robot has no room to turn. Longer ones are driven forwards, and
+    headings that are all 0 are none: many planners give none.
+    """
+    if not yaws_rad[:-1].any():
+        return path
+    headings = path.yaws_rad.copy()
+    cos, _ = portable_kernels.cos_sin_each(yaws_rad[:-1] - path.yaws_rad[:-1])
+    against = np.concatenate([[0], np.asarray(cos < -_PARALLEL_COS, np.int8), [0]])
+    first, end = (np.flatnonzero(np.diff(against) == step) for step in (1, -1))
+    for i, j in zip(first.tolist(), end.tolist(), strict=True):
+        cos, _ = portable_kernels.cos_sin_each(yaws_rad[i:j] - yaws_rad[i])
+        if path.along_m[j] - path.along_m[i] <= _BACKWARDS_M and cos.min() > _PARALLEL_COS:
+            headings[i:j] = yaws_rad[i:j]
+    return replace(path, yaws_rad=headings)
