@@ -205,6 +205,13 @@ def test_it_fails_where_there_is_no_way_home() -> None:
     assert stage.status.reason == "failed to return home: error 208: no way"
 
 
+def test_it_fails_where_the_robot_is_lost() -> None:
+    stage = Stage(TWO_ROOMS, HOME, CONFIG)
+    stage.refuses = lambda goal: 9002
+    stage.run(120, "complete", "failed")
+    assert (stage.status.state, stage.status.reason) == ("failed", "no way")
+
+
 def test_a_choice_is_quick() -> None:
     cells = np.full((200, 200), -1, np.int8)
     cells[10:190, 10:190] = 0

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages.scan import Scan
 from mazebot.mapping.params import SlamParams
-from mazebot.mapping.slam import NO_ODOMETRY, NOT_LATER, Slam
+from mazebot.mapping.slam import CARRIED_OFF, NO_ODOMETRY, NOT_LATER, Slam
 from tests.mapping.simulated import (
     LDS,
     SCAN_NS,
@@ -284,6 +284,31 @@ def test_a_pose_that_scans_left_behind_is_found_again() -> None:
     ]
     off = errors(Slam(PARAMS, TOUR[0]), shifted)
     assert off[105:, 0].max() < 0.03
+
+
+@pytest.mark.parametrize("there", [SE2(10.6, 0.7, 1.0), SE2(11.1, 5.0, -2.0)])
+def test_a_robot_that_was_carried_off_adds_nothing_to_the_map(there: SE2) -> None:
+    """Nothing is known of the place but that it is another one; carried back, the map goes on."""
+    elsewhere = np.concatenate([box(10.0, 0.0, 11.6, 8.0), wall(10.0, 3.0, 10.8, 3.0)])
+    random = np.random.default_rng(5)
+    first, last = 60, 100
+    poses = TOUR[:first] + [TOUR[first]] * (last - first) + TOUR[first:]
+    steps = [
+        dataclasses.replace(step, ranges_m=scan(elsewhere, there, LDS, random))
+        if first <= i < last else step
+        for i, step in enumerate(log(ROOM, poses))
+    ]  # fmt: skip
+    slam = Slam(PARAMS, TOUR[0])
+    lost, sizes = [], []
+    for _ in feed(slam, steps):
+        lost.append(slam.is_lost)
+        sizes.append((slam.keyframes, slam.map_version))
+    assert not any(lost[: first + 2])
+    assert all(lost[first + 2 : last])
+    assert len(set(sizes[first - 1 : last])) == 1
+    assert last - first <= slam.left_out[CARRIED_OFF] <= last - first + 15
+    assert not any(lost[last + 15 :])
+    assert slam.pose()[0].distance_m(steps[-1].true) < 0.03
 
 
 SPARSE_WAY = office_way()[::18]

@@ -355,7 +355,10 @@ class Explorer:
             self._yields, self._busy_ns = True, now_ns
         if error_code in _NOT_OUR_FAULT:
             return
-        if sent.aim is None:
+        if error_code == ErrorCode.TF_ERROR:
+            # Without a pose no other goal is reached either.
+            self._finish("failed", error_msg)
+        elif sent.aim is None:
             self._came_home(error_code, error_msg)
         elif error_code == ErrorCode.NONE:
             self._reached_ns, self._looked_ns = now_ns, None

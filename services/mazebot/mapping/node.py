@@ -5,7 +5,7 @@ only file here that uses topics.
 from __future__ import annotations
 
 import logging
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import (
@@ -59,6 +59,12 @@ _LATE_NS = 2_000_000_000
 """A process that receives its first odometry later than this may have been restarted."""
 _RETURN_NS = 3_000_000_000
 """It waits this long for the pose graph of its previous process."""
+
+
+_CARRIED_OFF = (
+    "all at once, the scans do not match the map any more: the robot was carried off, and the map "
+    "stays as it is until they match again"
+)
 
 
 class MappingNode(Node):
@@ -249,8 +255,10 @@ class MappingNode(Node):
                 continue
             slam.marker(stamp_ns, *name, marker_candidates(detection), camera)
 
-    def _state(self) -> str:
-        return "localized" if self._slam is not None and self._scanned else "uninitialized"
+    def _state(self) -> Literal["uninitialized", "localized", "lost"]:
+        if self._slam is None or not self._scanned:
+            return "uninitialized"
+        return "lost" if self._slam.is_lost else "localized"
 
     def _publish(self, now_ns: int, world: World, outbox: Outbox) -> None:
         """Publish the pose, the status, the map and its graph."""
@@ -270,14 +278,18 @@ class MappingNode(Node):
         slips = self._slip.slips
         if due or self._published != (state, self._watch.epoch, slips):
             if self._published is None or self._published[0] != state:
-                _LOG.info("%s", state)
+                if state == "lost":
+                    _LOG.warning("lost: %s", _CARRIED_OFF)
+                else:
+                    _LOG.info("%s", state)
             log_slip(_LOG, slips, self._published is not None and self._published[2])
             self._published = (state, self._watch.epoch, slips)
             outbox.put(
                 LOCALIZATION_STATUS,
                 LocalizationStatus(
-                    state="localized" if state == "localized" else "uninitialized",
+                    state=state,
                     quality=0.0 if slam is None else slam.quality,
+                    reason=_CARRIED_OFF if state == "lost" else "",
                     epoch=self._watch.epoch,
                     wheel_slip=slips,
                 ),

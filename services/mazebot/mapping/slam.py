@@ -77,6 +77,13 @@ _COMPACT_M = 0.025
 """Their returns are averaged within cells of this side."""
 _LOST_FIT = 0.3
 """Below it a scan does not constrain the pose."""
+_CARRIED_FIT, _CARRIED_FALL, _CARRIED_SCANS = 0.5, 0.3, 3
+"""A robot whose scans fit no more than this, and by so much less than the one before it, over a
+short step and so many times in a row, was carried off: over short steps of its own, the fit falls
+by less than 0.05 from one scan to the next in each of the shipped worlds.
+"""
+_BACK_FIT, _BACK_SCANS = 0.85, 10
+"""It is back where the map has it once so many scans in a row fit so well."""
 _BEGIN_STD_M, _BEGIN_STD_RAD = 0.1, 0.1
 """Of the pose of a robot that comes to a map made before."""
 _WINDOW, _MOST_WINDOW_M, _MOST_WINDOW_RAD = 2.0, 1.5, 0.8
@@ -113,6 +120,7 @@ NO_ODOMETRY = "without odometry at their time"
 NOT_FINITE = "with angles or a range that are not finite"
 NOT_LATER = "not later than the one before"
 TOO_SOON = "within minimum_time_interval"
+CARRIED_OFF = "after the robot was carried off"
 
 
 class Jump(NamedTuple):
@@ -182,6 +190,12 @@ class Slam:
         """Steps of odometry that were not believed."""
         self.fixed = False
         """The map stays as it is: scans only correct the pose."""
+        self._unfit_scans = 0
+        """In a row since the fit fell at once."""
+        self._fit_scans = 0
+        """In a row since the robot was carried off."""
+        self.is_lost = False
+        """Whether the robot was carried off: nothing is added to the map until scans fit again."""
         self.map_version = 0
         self.graph_version = 0
         self.quality = 0.0
@@ -300,7 +314,7 @@ class Slam:
         """Correct the pose by a scan, and add to the map what it shows; True if it was used.
 
         A scan is not used if it is not later than the last one, if there is no odometry for its
-        stamp, or if its description is not finite.
+        stamp, if its description is not finite, or while the robot is lost.
         """
         p, stamp_ns = self._params, scan.stamp_ns
         odom_from_base = self._history.at(stamp_ns)
@@ -328,11 +342,14 @@ class Slam:
                 self.quality = 1.0 if len(returns) else 0.0
                 self._add_keyframe(stamp_ns, seen, returns, matched=False)
             return True
+        usual_fit = self._usual_fit
         fit = self._match(returns, seen.sensor, motion)
         self._scanned = (stamp_ns, odom_from_base)
         if fit is not None:
+            if self._was_carried(fit, motion):
+                self._usual_fit = usual_fit
             self.quality = fit
-        if self.fixed:
+        if self.fixed or self._unfit_scans:
             self._local_map()
         elif self._wants_keyframe(fit, sees_round):
             self._add_keyframe(stamp_ns, seen, returns, fit is not None and fit >= _LOST_FIT)
@@ -342,7 +359,24 @@ class Slam:
             self._visited = False
             self._close_loop(self._reference)
         self._map_from_odom = self._pose @ odom_from_base.inverse()
+        if self._unfit_scans:
+            self.left_out[CARRIED_OFF] += 1
+            return False
         return True
+
+    def _was_carried(self, fit: float, moved: SE2 | None) -> bool:
+        """Whether the robot was carried off, or may have been just now."""
+        if self.is_lost:
+            self._fit_scans = self._fit_scans + 1 if fit >= _BACK_FIT else 0
+            if self._fit_scans >= _BACK_SCANS:
+                self.is_lost, self._unfit_scans = False, 0
+        elif self._unfit_scans:
+            self._unfit_scans = self._unfit_scans + 1 if fit <= _CARRIED_FIT else 0
+            self.is_lost, self._fit_scans = self._unfit_scans >= _CARRIED_SCANS, 0
+        elif moved is not None and not _is_large(moved):
+            fell = fit <= _CARRIED_FIT and fit <= self.quality - _CARRIED_FALL
+            self._unfit_scans = int(fell)
+        return self._unfit_scans > 0
 
     def marker(
         self,
@@ -359,7 +393,7 @@ class Slam:
         closes a loop.
         """
         odom_from_base = self._history.at(stamp_ns)
-        if odom_from_base is None or self._reference < 0 or self.fixed:
+        if odom_from_base is None or self._reference < 0 or self.fixed or self._unfit_scans:
             return False
         graph = self._graph
         before = graph.pose(self._reference)
@@ -532,7 +566,7 @@ class Slam:
         found = refine(local, self._pose, prior, returns, sensor, std_m)
         expected = max(self._usual_fit - _DOUBTFUL, p.link_match_minimum_response_fine)
         way_m = math.inf if moved is None else moved.distance_m(SE2(0.0, 0.0, 0.0))
-        far = way_m > _LARGE_MOVE_M or (moved is not None and abs(moved.yaw_rad) > _LARGE_TURN_RAD)
+        far = moved is None or _is_large(moved)
         doubtful = far or found.fit < expected
         if far and found.fit < _LOST_FIT:
             # However good odometry has been, this time it may err as much as the parameters say.
@@ -764,6 +798,12 @@ class Slam:
         covariance[1, 1] += self._scatter * _LINK_STD_M * _LINK_STD_M
         covariance[2, 2] += self._scatter * _LINK_STD_RAD * _LINK_STD_RAD
         return covariance
+
+
+def _is_large(moved: SE2) -> bool:
+    """Whether a step between two scans is."""
+    far_m = moved.distance_m(SE2(0.0, 0.0, 0.0))
+    return far_m > _LARGE_MOVE_M or abs(moved.yaw_rad) > _LARGE_TURN_RAD
 
 
 def _independent(returns: Array) -> float:

@@ -73,20 +73,22 @@ class SearchMotion:
             # What is wanted is not possible: another direction, and a turn to it, if that is free.
             self._left_rad, self._heading_rad = 0.0, None
             on_m_s = _ESCAPE_M_S if self._velocity.linear_m_s > 0.0 else -_ESCAPE_M_S
+            turn_rad_s = wanted.angular_rad_s or _ESCAPE_RAD_S
             velocity = STOP
             for escape in (
-                Velocity(0.0, wanted.angular_rad_s),
+                Velocity(0.0, turn_rad_s),
                 Velocity(on_m_s, 0.0),
                 Velocity(-on_m_s, 0.0),
-                Velocity(0.0, -wanted.angular_rad_s),
+                Velocity(0.0, -turn_rad_s),
                 *(
                     Velocity(ahead * on_m_s, math.copysign(_ESCAPE_RAD_S, turn))
                     for ahead in (1.0, -1.0)
-                    for turn in (wanted.angular_rad_s, -wanted.angular_rad_s)
+                    for turn in (turn_rad_s, -turn_rad_s)
                 ),
             ):
                 limited = self._limited(self._along(escape))
-                if time_to_collision(limited) > self._params.min_time_to_collision_s:
+                free_s = time_to_collision(limited) if limited != STOP else 0.0
+                if free_s > self._params.min_time_to_collision_s:
                     velocity = limited
                     break
         self._velocity = velocity
