@@ -311,6 +311,26 @@ def test_a_robot_that_was_carried_off_adds_nothing_to_the_map(there: SE2) -> Non
     assert slam.pose()[0].distance_m(steps[-1].true) < 0.03
 
 
+def test_boxes_that_come_around_a_robot_carry_it_nowhere() -> None:
+    random = np.random.default_rng(5)
+    here = TOUR[60]
+    around = [here @ SE2(*at, 0.0) for at in ((0.35, 0.4), (-0.45, 0.4), (0.1, -0.5), (-0.6, -0.4))]
+    boxes = [box(p.x_m - 0.2, p.y_m - 0.2, p.x_m + 0.2, p.y_m + 0.2) for p in around]
+    crowded = np.concatenate([ROOM, *boxes])
+    steps = [
+        dataclasses.replace(step, ranges_m=scan(crowded, step.true, LDS, random))
+        if i >= 60 else step
+        for i, step in enumerate(log(ROOM, [*TOUR[:60], *[here] * 40]))
+    ]  # fmt: skip
+    slam = Slam(PARAMS, TOUR[0])
+    fits = []
+    for _ in feed(slam, steps):
+        fits.append(slam.quality)
+        assert not slam.is_lost
+    assert fits[59] > 0.9
+    assert fits[60] < 0.5
+
+
 SPARSE_WAY = office_way()[::18]
 """A scan each 1.1 m or 80 degrees of turn."""
 

@@ -29,7 +29,7 @@ from mazebot.mapping.loops.loop_closer import LoopCloser
 from mazebot.mapping.loops.loop_closing import find_loop
 from mazebot.mapping.matching.correlative import correlate
 from mazebot.mapping.matching.local_map import LocalMap, compacted, local_map
-from mazebot.mapping.matching.occupancy import MapGrid, Occupancy
+from mazebot.mapping.matching.occupancy import MapGrid, Occupancy, share_behind_walls
 from mazebot.mapping.matching.odometry_quality import OdometryQuality
 from mazebot.mapping.matching.refine import Refined, refine
 from mazebot.mapping.matching.scan_points import (
@@ -82,6 +82,8 @@ _CARRIED_FIT, _CARRIED_FALL, _CARRIED_SCANS = 0.5, 0.3, 3
 short step and so many times in a row, was carried off: over short steps of its own, the fit falls
 by less than 0.05 from one scan to the next in each of the shipped worlds.
 """
+_CARRIED_BEHIND = 0.05
+"""And so many of its returns come from behind walls: of a robot that things come around, none."""
 _BACK_FIT, _BACK_SCANS = 0.85, 10
 """It is back where the map has it once so many scans in a row fit so well."""
 _BEGIN_STD_M, _BEGIN_STD_RAD = 0.1, 0.1
@@ -346,7 +348,7 @@ class Slam:
         fit = self._match(returns, seen.sensor, motion)
         self._scanned = (stamp_ns, odom_from_base)
         if fit is not None:
-            if self._was_carried(fit, motion):
+            if self._was_carried(fit, motion, returns, seen.sensor):
                 self._usual_fit = usual_fit
             self.quality = fit
         if self.fixed or self._unfit_scans:
@@ -364,7 +366,7 @@ class Slam:
             return False
         return True
 
-    def _was_carried(self, fit: float, moved: SE2 | None) -> bool:
+    def _was_carried(self, fit: float, moved: SE2 | None, returns: Array, sensor: SE2) -> bool:
         """Whether the robot was carried off, or may have been just now."""
         if self.is_lost:
             self._fit_scans = self._fit_scans + 1 if fit >= _BACK_FIT else 0
@@ -375,7 +377,9 @@ class Slam:
             self.is_lost, self._fit_scans = self._unfit_scans >= _CARRIED_SCANS, 0
         elif moved is not None and not _is_large(moved):
             fell = fit <= _CARRIED_FIT and fit <= self.quality - _CARRIED_FALL
-            self._unfit_scans = int(fell)
+            if fell:
+                behind = share_behind_walls(self.grid(), self._pose, returns, sensor)
+                self._unfit_scans = int(behind >= _CARRIED_BEHIND)
         return self._unfit_scans > 0
 
     def marker(

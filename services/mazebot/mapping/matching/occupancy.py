@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mazebot.common.maths import portable_kernels
+from mazebot.common.maths import portable, portable_kernels
 from mazebot.common.maths.frames import SE2, Array
 from mazebot.common.maths.kernels import kernel
 from mazebot.mapping.matching.scan_points import ScanPoints
@@ -25,6 +25,8 @@ _CHUNK = 64
 MAX_CELLS = 25_000_000
 """A grid that would grow beyond this leaves out what lies outside."""
 UNKNOWN, FREE, OCCUPIED = -1, 0, 100
+_BEHIND_M = 0.3
+"""A return is behind a wall that its beam meets so long before it ends."""
 
 
 @dataclass(frozen=True)
@@ -193,3 +195,36 @@ def _trace(
                 along = next_y
                 next_y += inverse_y
                 row += step_y
+
+
+def share_behind_walls(
+    grid: MapGrid, map_from_base: SE2, returns_m: Array, base_from_scan: SE2
+) -> float:
+    """The share of returns (n, 2), in base_footprint, that come from behind a wall of the map, and
+    are none of its walls themselves.
+    """
+    if not len(returns_m):
+        return 0.0
+    grid_from_base = grid.origin.inverse() @ map_from_base
+    c, s = portable.cos_sin(grid_from_base.yaw_rad)
+    eye_m = np.array((grid_from_base @ base_from_scan)[:2])
+    ends_m = np.stack(
+        [
+            grid_from_base.x_m + c * returns_m[:, 0] - s * returns_m[:, 1],
+            grid_from_base.y_m + s * returns_m[:, 0] + c * returns_m[:, 1],
+        ],
+        axis=1,
+    )
+    lengths_m = portable.hypot_each(*(ends_m - eye_m).T)
+    beams = (ends_m - eye_m) / np.maximum(lengths_m, 1e-9)[:, None]
+    along_m = np.arange(0.0, float(lengths_m.max()) + _BEHIND_M, grid.resolution_m / 2.0)
+    places_m = eye_m + beams[:, None] * along_m[:, None]
+    columns, rows = np.moveaxis(np.floor(places_m / grid.resolution_m).astype(np.int64), 2, 0)
+    inside = (rows >= 0) & (rows < grid.cells.shape[0])
+    inside &= (columns >= 0) & (columns < grid.cells.shape[1])
+    wall = np.zeros(inside.shape, np.bool_)
+    wall[inside] = grid.cells[rows[inside], columns[inside]] == OCCUPIED
+    beyond_m = along_m - lengths_m[:, None]
+    is_wall = (wall & (np.abs(beyond_m) <= _BEHIND_M / 2.0)).any(axis=1)
+    behind = (wall & (beyond_m < -_BEHIND_M)).any(axis=1) & ~is_wall
+    return float(behind.mean())
