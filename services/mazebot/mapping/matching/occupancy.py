@@ -27,6 +27,8 @@ MAX_CELLS = 25_000_000
 UNKNOWN, FREE, OCCUPIED = -1, 0, 100
 _BEHIND_M = 0.3
 """A return is behind a wall that its beam meets so long before it ends."""
+_FOLLOWED = 180
+"""About so many beams say enough."""
 
 
 @dataclass(frozen=True)
@@ -205,6 +207,7 @@ def share_behind_walls(
     """
     if not len(returns_m):
         return 0.0
+    returns_m = returns_m[:: max(1, len(returns_m) // _FOLLOWED)]
     grid_from_base = grid.origin.inverse() @ map_from_base
     c, s = portable.cos_sin(grid_from_base.yaw_rad)
     eye_m = np.array((grid_from_base @ base_from_scan)[:2])
