@@ -196,8 +196,6 @@ class Slam:
         """In a row since the fit fell at once."""
         self._fit_scans = 0
         """In a row since the robot was carried off."""
-        self.is_lost = False
-        """Whether the robot was carried off: nothing is added to the map until scans fit again."""
         self.map_version = 0
         self.graph_version = 0
         self.quality = 0.0
@@ -262,6 +260,11 @@ class Slam:
     def loops_rejected(self) -> int:
         """Loops tried and found wrong."""
         return self._closer.rejected
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether the robot was carried off: nothing is added to the map until scans fit again."""
+        return self._unfit_scans >= _CARRIED_SCANS
 
     @property
     def keyframes(self) -> int:
@@ -371,10 +374,9 @@ class Slam:
         if self.is_lost:
             self._fit_scans = self._fit_scans + 1 if fit >= _BACK_FIT else 0
             if self._fit_scans >= _BACK_SCANS:
-                self.is_lost, self._unfit_scans = False, 0
+                self._unfit_scans = self._fit_scans = 0
         elif self._unfit_scans:
             self._unfit_scans = self._unfit_scans + 1 if fit <= _CARRIED_FIT else 0
-            self.is_lost, self._fit_scans = self._unfit_scans >= _CARRIED_SCANS, 0
         elif moved is not None and not _is_large(moved):
             fell = fit <= _CARRIED_FIT and fit <= self.quality - _CARRIED_FALL
             if fell:

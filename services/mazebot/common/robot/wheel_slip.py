@@ -148,25 +148,25 @@ class WheelSlip:
         if by_odometry_m <= limit_m:
             if not self.slips:
                 self._usual_m += _GAIN * (by_odometry_m - self._usual_m)
-                return self._judge(before, seen, 1.0, turn)
+                return self._judge(before, seen, 1.0, moved)
             at_rest_m = _misfit_m(before_m, now_m, lidar, 0.0, 0.0, 0.0)
             if at_rest_m <= by_odometry_m / _BETTER:
                 # As along a corridor: it may stand as well.
                 self._agreed = 0
                 return None
-            return self._judge(before, seen, 1.0, turn)
-        share, aside, best_turn, best_m = _best_motion(
+            return self._judge(before, seen, 1.0, moved)
+        share, x, y, turn, best_m = _best_motion(
             before_m, now_m, lidar, x, y, turn, _SHARES, _ASIDES, _TURNS_RAD, _NEAR_RAD
         )
         if best_m > limit_m or best_m > _BETTER * by_odometry_m:
             self._agreed = 0
             return None
-        return self._judge(before, seen, float(share), float(best_turn), float(aside))
+        return self._judge(before, seen, float(share), SE2(float(x), float(y), float(turn)))
 
-    def _judge(
-        self, before: _Seen, seen: _Seen, share: float, turn_rad: float, aside: float = 0.0
-    ) -> SE2 | None:
-        """Take in a comparison's result; the corrected pose at the scan, or None."""
+    def _judge(self, before: _Seen, seen: _Seen, share: float, moved: SE2) -> SE2 | None:
+        """Take in a comparison's result: how the robot has moved, and the share of odometry's way
+        that it has gone ahead. The corrected pose at the scan, or None.
+        """
         slips = share <= _SLIP_SHARE
         if slips == self.slips:
             self._agreed = 0
@@ -177,9 +177,7 @@ class WheelSlip:
             if self._agreed < _AGAIN:
                 return None
         self.slips, self._agreed = slips, 0
-        moved = before.odom_from_base.inverse() @ seen.odom_from_base
-        x_m, y_m = _shared(share, aside, moved.x_m, moved.y_m)
-        steady = before.steady_from_base @ SE2(x_m, y_m, turn_rad)
+        steady = before.steady_from_base @ moved
         latest = self._history.latest[1]
         now = steady if slips else steady @ (seen.odom_from_base.inverse() @ latest)
         self._steady_from_base, self.steady_from_odom = now, now @ latest.inverse()
@@ -206,11 +204,6 @@ def log_slip(logger: logging.Logger, slips: bool, slipped: bool) -> None:
 def _moves(before: _Seen, now: _Seen, way_m: float, turn_rad: float) -> bool:
     a, b = before.odom_from_base, now.odom_from_base
     return a.distance_m(b) >= way_m or abs(wrap_angle(b.yaw_rad - a.yaw_rad)) >= turn_rad
-
-
-def _shared(share: float, aside: float, x_m: float, y_m: float) -> tuple[float, float]:
-    """A share of a way, and one to the left of it."""
-    return share * x_m - aside * y_m, share * y_m + aside * x_m
 
 
 def _lidar_of(scan: Scan) -> Array:
@@ -274,26 +267,29 @@ def _best_motion(
     asides: Array,
     turns_rad: Array,
     near_rad: Array,
-) -> tuple[float, float, float, float]:
-    """The shares of odometry's way ahead and aside and the turn that fit best, and their misfit.
+) -> tuple[float, float, float, float, float]:
+    """The motion that fits best: the share of odometry's way that it goes ahead, its x, y and turn,
+    and its misfit.
 
     Turns about none and about that of odometry are tried: `turns_rad` are added to both. Of ways
     aside, those with turns near the best one without are: `near_rad` are added to it.
     """
-    best_share, best_turn, best_m = 1.0, turn_rad, np.inf
+    best_share, best_x, best_y, best_turn, best_m = 1.0, x_m, y_m, turn_rad, np.inf
     for share in shares:
+        to_x, to_y = share * x_m, share * y_m
         for about in (0.0, turn_rad):
             for add in turns_rad:
-                misfit_m = _misfit_m(before_m, now_m, lidar, share * x_m, share * y_m, about + add)
+                misfit_m = _misfit_m(before_m, now_m, lidar, to_x, to_y, about + add)
                 if 0.0 <= misfit_m < best_m:
-                    best_share, best_turn, best_m = share, about + add, misfit_m
-    best_aside, about = 0.0, best_turn
+                    best_share, best_x, best_y = share, to_x, to_y
+                    best_turn, best_m = about + add, misfit_m
+    about = best_turn
     for share in shares:
         for aside in asides:
             to_x, to_y = share * x_m - aside * y_m, share * y_m + aside * x_m
             for add in near_rad:
                 misfit_m = _misfit_m(before_m, now_m, lidar, to_x, to_y, about + add)
                 if 0.0 <= misfit_m < best_m:
-                    best_share, best_aside = share, aside
+                    best_share, best_x, best_y = share, to_x, to_y
                     best_turn, best_m = about + add, misfit_m
-    return best_share, best_aside, best_turn, best_m
+    return best_share, best_x, best_y, best_turn, best_m

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from mazebot.common.maths import portable, portable_kernels
 from mazebot.common.maths.frames import SE2, Array
 from mazebot.common.maths.kernels import kernel
-from mazebot.mapping.matching.scan_points import ScanPoints
+from mazebot.mapping.matching.scan_points import ScanPoints, moved
 
 HIT, MISS, LIMIT = 0.85, -0.4, 3.5
 """Log-odds that one scan adds to a cell, and the most that all may."""
@@ -209,19 +209,12 @@ def share_behind_walls(
         return 0.0
     returns_m = returns_m[:: max(1, len(returns_m) // _FOLLOWED)]
     grid_from_base = grid.origin.inverse() @ map_from_base
-    c, s = portable.cos_sin(grid_from_base.yaw_rad)
     eye_m = np.array((grid_from_base @ base_from_scan)[:2])
-    ends_m = np.stack(
-        [
-            grid_from_base.x_m + c * returns_m[:, 0] - s * returns_m[:, 1],
-            grid_from_base.y_m + s * returns_m[:, 0] + c * returns_m[:, 1],
-        ],
-        axis=1,
-    )
-    lengths_m = portable.hypot_each(*(ends_m - eye_m).T)
-    beams = (ends_m - eye_m) / np.maximum(lengths_m, 1e-9)[:, None]
+    beams_m = moved(returns_m, grid_from_base) - eye_m
+    lengths_m = portable.lengths(beams_m)
+    directions = beams_m / np.maximum(lengths_m, 1e-9)[:, None]
     along_m = np.arange(0.0, float(lengths_m.max()) + _BEHIND_M, grid.resolution_m / 2.0)
-    places_m = eye_m + beams[:, None] * along_m[:, None]
+    places_m = eye_m + directions[:, None] * along_m[:, None]
     columns, rows = np.moveaxis(np.floor(places_m / grid.resolution_m).astype(np.int64), 2, 0)
     inside = (rows >= 0) & (rows < grid.cells.shape[0])
     inside &= (columns >= 0) & (columns < grid.cells.shape[1])
