@@ -21,15 +21,22 @@ Walls = tuple[float, float, float, float]
 """Least and greatest x, least and greatest y."""
 
 
-def scan_at(pose: SE2, time_s: float, walls: Walls, random: np.random.Generator) -> Scan:
-    """What a lidar with 1 cm of noise and a range of 3.5 m sees in a rectangle."""
+def scan_at(
+    pose: SE2, time_s: float, walls: Walls, random: np.random.Generator, person_m: float
+) -> Scan:
+    """What a lidar with 1 cm of noise and a range of 3.5 m sees in a rectangle, with a person of
+    0.35 m so far ahead.
+    """
     x, y, yaw = pose @ BASE_FROM_SCAN
     angles = yaw + np.radians(np.arange(360.0))
     c, s = np.cos(angles), np.sin(angles)
     with np.errstate(divide="ignore"):
         along = np.maximum((walls[0] - x) / c, (walls[1] - x) / c)
         across = np.maximum((walls[2] - y) / s, (walls[3] - y) / s)
-    ranges = np.minimum(along, across) + random.normal(0.0, 0.01, 360)
+    ranges = np.minimum(along, across)
+    person = np.abs((np.arange(360.0) + 180.0) % 360.0 - 180.0) <= math.degrees(0.175 / person_m)
+    ranges[person] = np.minimum(ranges[person], person_m)
+    ranges += random.normal(0.0, 0.01, 360)
     ranges[ranges > 3.5] = np.inf
     return Scan(
         ranges.astype(np.float32), 0.0, math.radians(1.0), 0.12, 3.5, BASE_FROM_SCAN,
@@ -40,11 +47,12 @@ def scan_at(pose: SE2, time_s: float, walls: Walls, random: np.random.Generator)
 class Run:
     """A robot whose true motion and wheels are told apart."""
 
-    def __init__(self, walls: Walls = ROOM) -> None:
+    def __init__(self, walls: Walls = ROOM, person_m: float = math.inf) -> None:
         self.slip = WheelSlip()
         self.true = self.odom = self.corrected = SE2(0.0, 0.0, 0.3)
         self.time_s = 0.0
         self._walls, self._random = walls, np.random.default_rng(5)
+        self._person_m = person_m
         self.odom = SE2(0.0, 0.0, 0.0)
 
     def drive(self, wheels: SE2, true: SE2, seconds: float) -> Iterator[bool]:
@@ -54,7 +62,8 @@ class Run:
             self.odom, self.true = self.odom @ wheels, self.true @ true
             stamp_ns = round(self.time_s * 1e9)
             self.corrected = self.slip.odometry(stamp_ns, self.odom)
-            if self.slip.scan(scan_at(self.true, self.time_s, self._walls, self._random)):
+            scan = scan_at(self.true, self.time_s, self._walls, self._random, self._person_m)
+            if self.slip.scan(scan):
                 self.corrected = self.slip.corrected
             yield self.slip.slips
 
@@ -143,3 +152,26 @@ def test_a_robot_that_is_carried_away_does_not_slip() -> None:
     list(run.drive(STEP, STEP, 1.0))
     run.true = SE2(1.2, -0.8, 2.5)
     assert not any(run.drive(STEP, STEP, 2.0))
+
+
+@pytest.mark.parametrize("ahead_m", [0.6, 1.0])
+@pytest.mark.parametrize("wheels", [STEP, SE2(0.045, 0.0, 0.0)])
+def test_of_a_corridor_its_end_tells(ahead_m: float, wheels: SE2) -> None:
+    """Few beams tell, and what the wheels say until then must not become usual."""
+    run = Run((-50.0, ahead_m, -0.6, 0.6))
+    run.true = SE2(-0.5, 0.0, 0.0)
+    steps = round(0.5 / wheels.x_m)
+    assert not any(run.drive(wheels, wheels, steps * PERIOD_S))
+    before = run.corrected
+    slips = list(run.drive(wheels, STILL, 4.0))
+    assert all(slips[20:])
+    assert run.corrected.distance_m(before) < 0.4
+
+
+@pytest.mark.parametrize("person_m", [0.8, 1.0, 2.0])
+def test_a_person_who_walks_ahead_along_a_corridor_is_no_slip(person_m: float) -> None:
+    run = Run(CORRIDOR, person_m)
+    run.true = STILL
+    step = SE2(0.045, 0.0, 0.0)
+    assert not any(run.drive(step, step, 4.0))
+    assert run.slip.steady_from_odom is None

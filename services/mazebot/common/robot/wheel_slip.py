@@ -48,6 +48,10 @@ _MISFIT_RATIO, _MISFIT_M = 2.0, 0.01
 _GAIN: Final = 0.02
 _BETTER: Final = 0.5
 """Of odometry's misfit another motion may have at most half."""
+_STOOD: Final = 0.3
+"""And less of a robot that seems to have stood for long: a person who walks ahead of it along a
+corridor looks the same, but is seen by fewer beams.
+"""
 _LEAST_BEAMS: Final = 25
 _BEAM_STEP: Final = 4
 _AGAIN: Final = 2
@@ -113,7 +117,8 @@ class WheelSlip:
                 (one for one in reversed(self._seen) if _moves(one, seen, _WAY_M, _TURN_RAD)), None
             )
             if before is not None:
-                steady = self._compare(before, seen)
+                oldest = self._seen[0]
+                steady = self._compare(oldest if self._has_stood(oldest, seen) else before, seen)
         if steady is not None:
             # What was corrected until now was not right.
             self._seen.clear()
@@ -135,21 +140,35 @@ class WheelSlip:
         steady = self.steady_from_odom
         return odom_from_base if steady is None else steady @ odom_from_base
 
+    @property
+    def _limit_m(self) -> float:
+        """A scan with more misfit is not explained."""
+        return _MISFIT_RATIO * self._usual_m + _MISFIT_M
+
+    def _has_stood(self, before: _Seen, seen: _Seen) -> bool:
+        """Whether no motion at all explains two scans, and odometry far worse."""
+        before_m, now_m, lidar = _ranges_of(before), _ranges_of(seen), _lidar_of(seen.scan)
+        at_rest_m = _misfit_m(before_m, now_m, lidar, 0.0, 0.0, 0.0)
+        if not 0.0 <= at_rest_m <= self._limit_m:
+            return False
+        x, y, turn = before.odom_from_base.inverse() @ seen.odom_from_base
+        return at_rest_m <= _STOOD * _misfit_m(before_m, now_m, lidar, x, y, turn)
+
     def _compare(self, before: _Seen, seen: _Seen) -> SE2 | None:
         """The corrected pose at a scan, by one before; None: it stays."""
         moved = before.odom_from_base.inverse() @ seen.odom_from_base
-        x, y, turn = (float(value) for value in moved)
-        before_m, now_m = (np.array(one.scan.ranges_m, np.float32) for one in (before, seen))
-        lidar = _lidar_of(seen.scan)
+        x, y, turn = moved
+        before_m, now_m, lidar = _ranges_of(before), _ranges_of(seen), _lidar_of(seen.scan)
         by_odometry_m = _misfit_m(before_m, now_m, lidar, x, y, turn)
         if by_odometry_m < 0.0:
             return None
-        limit_m = _MISFIT_RATIO * self._usual_m + _MISFIT_M
-        if by_odometry_m <= limit_m:
+        limit_m = self._limit_m
+        at_rest_m = _misfit_m(before_m, now_m, lidar, 0.0, 0.0, 0.0)
+        stands = 0.0 <= at_rest_m <= _BETTER * by_odometry_m
+        if by_odometry_m <= limit_m and not stands:
             if not self.slips:
                 self._usual_m += _GAIN * (by_odometry_m - self._usual_m)
                 return self._judge(before, seen, 1.0, moved)
-            at_rest_m = _misfit_m(before_m, now_m, lidar, 0.0, 0.0, 0.0)
             if at_rest_m <= by_odometry_m / _BETTER:
                 # As along a corridor: it may stand as well.
                 self._agreed = 0
@@ -204,6 +223,10 @@ def log_slip(logger: logging.Logger, slips: bool, slipped: bool) -> None:
 def _moves(before: _Seen, now: _Seen, way_m: float, turn_rad: float) -> bool:
     a, b = before.odom_from_base, now.odom_from_base
     return a.distance_m(b) >= way_m or abs(wrap_angle(b.yaw_rad - a.yaw_rad)) >= turn_rad
+
+
+def _ranges_of(seen: _Seen) -> NDArray[np.float32]:
+    return np.array(seen.scan.ranges_m, np.float32)
 
 
 def _lidar_of(scan: Scan) -> Array:
