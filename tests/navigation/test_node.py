@@ -70,7 +70,7 @@ from mazebot.common.node.node import Envelope
 from mazebot.common.world.footprint import wall_corners
 from mazebot.navigation.config import CONTROL_PERIOD_NS, NavigationConfig
 from mazebot.navigation.control.collision import STOP
-from mazebot.navigation.control.safety.collision_monitor import CollisionMonitorParams
+from mazebot.navigation.control.safety.collision_monitor import CollisionMonitorParams, moved_points
 from mazebot.navigation.costmap.footprint import WAFFLE
 from mazebot.navigation.costmap.layered_costmap import LETHAL_OBSTACLE
 from mazebot.navigation.drive import Drive
@@ -718,6 +718,37 @@ def test_what_was_seen_is_forgotten_after_a_jump_of_the_pose() -> None:
     driver.node.step(driver.now_ns, driver.inbox, driver.outbox)
     assert not drive.tracker.tracks(driver.now_ns * 1e-9)
     assert marks(drive) == 0
+
+
+@pytest.mark.parametrize("slips", [True, False])
+def test_what_was_seen_around_moves_along_where_the_wheels_have_slipped(slips: bool) -> None:
+    """And stays where it is in odom where localization was wrong, not the wheels."""
+    driver = ready()
+    drive = driver.node._drive
+    assert drive is not None
+    driver.extra_segments = box_segments(START.x_m + 0.6, START.y_m, 0.2)
+    driver.run(1.0)
+    local = drive.robot.local_costmap
+    before_m = np.array([[-0.4, 0.1]])
+    drive.hidden.touch(before_m)
+    local.mark_touched(before_m)
+    entry = driver.of(TF)[-1].transforms[0]
+    map_from_before = msg.se2_from_transform(entry.transform)
+    assert driver.node._measured.odom is not None
+    odom_from_base = driver.node._measured.odom[1]
+    map_from_base = map_from_before @ odom_from_base
+    map_from_odom = map_from_base @ SE2(-0.1, 0.0, -0.4) @ odom_from_base.inverse()
+    status = driver.of(LOCALIZATION_STATUS)[-1].model_copy(update={"wheel_slip": slips})
+    driver.deliver(LOCALIZATION_STATUS, status)
+    moved = msg.planar_transform_stamped(driver.now_ns, "map", "odom", map_from_odom)
+    driver.deliver(TF, msg.TFMessage(transforms=[moved]))
+    driver.node.step(driver.now_ns, driver.inbox, driver.outbox)
+    odom_from_before = map_from_odom.inverse() @ map_from_before
+    expected_m = moved_points(before_m, odom_from_before, SE2(0.0, 0.0, 0.0))
+    assert drive.hidden.touched_m == pytest.approx(expected_m if slips else before_m)
+    for (x_m, y_m), moves in ((expected_m[0], True), (before_m[0], False)):
+        marked = local.master.cost_at(x_m, y_m) == LETHAL_OBSTACLE
+        assert marked == (moves == slips)
 
 
 def test_marks_are_forgotten_when_a_pose_is_found_again() -> None:

@@ -40,7 +40,11 @@ from mazebot.navigation.control.safety.velocity_smoother import VelocitySmoother
 from mazebot.navigation.control.tracking import ObstacleTracker
 from mazebot.navigation.control.yielding.giving_way import GivingWay, Scene
 from mazebot.navigation.control.yielding.newcomers import Newcomers
-from mazebot.navigation.costmap.layered_costmap import LETHAL_OBSTACLE, GridFrame
+from mazebot.navigation.costmap.layered_costmap import (
+    LETHAL_OBSTACLE,
+    GridFrame,
+    LayeredCostmap,
+)
 from mazebot.navigation.costmap.zones import Zones
 from mazebot.navigation.robot.hidden import (
     HiddenThings,
@@ -130,7 +134,7 @@ class Drive:
         self.giving_way.reset()
         self.robot.costmap.clear()
         if map_from_odom is not None:
-            self._mark_hidden(map_from_odom)
+            self._mark_hidden(self.robot.costmap, map_from_odom)
 
     def forget_hidden(self) -> None:
         """Forget what the lidar does not show: a person says that it is gone."""
@@ -139,8 +143,17 @@ class Drive:
         self.robot.costmap.clear_hidden()
         self.robot.local_costmap.clear_hidden()
 
-    def _mark_hidden(self, map_from_odom: SE2) -> None:
-        costmap, hidden = self.robot.costmap, self.hidden
+    def follow_slip(self, odom_from_before: SE2) -> None:
+        """Move what was seen around the robot along with odometry, whose wheels have slipped. What
+        the lidar has marked is marked again by its next scan.
+        """
+        self.hidden.move(odom_from_before)
+        self.robot.local_costmap.clear()
+        self._mark_hidden(self.robot.local_costmap, _NOWHERE)
+
+    def _mark_hidden(self, costmap: LayeredCostmap, map_from_odom: SE2) -> None:
+        """Mark what the lidar does not show in a costmap of the frame `map`."""
+        hidden = self.hidden
         for points_m, mark in (
             (hidden.low_m, costmap.mark_low), (hidden.touched_m, costmap.mark_touched)
         ):  # fmt: skip

@@ -437,7 +437,12 @@ class NavigationNode(Node):
                 if self._watch.is_of_this_run(stamp_ns, TF, inbox):
                     map_from_odom = msg.se2_from_transform(entry.transform)
                     jumps = measured.correct(stamp_ns, map_from_odom)
-                    if jumps and self._drive is not None:
+                    if self._drive is None:
+                        continue
+                    slipped = measured.odom_slipped(self._watch.epoch)
+                    if slipped is not None:
+                        self._drive.follow_slip(slipped)
+                    if jumps:
                         self._drive.forget_places(map_from_odom)
         for claim in inbox.new(AMCL_POSE):
             if self._watch.is_of_this_run(msg.ns_from_time(claim.header.stamp), AMCL_POSE, inbox):

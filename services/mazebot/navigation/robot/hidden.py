@@ -73,6 +73,13 @@ class HiddenThings:
         points_m = self.points_m
         return moved_points(points_m, _ORIGIN, odom_from_base) if len(points_m) else points_m
 
+    def move(self, odom_from_before: SE2) -> None:
+        """Move all along with a correction of odometry."""
+        self.low_m, self.touched_m = (
+            moved_points(points_m, odom_from_before, _ORIGIN)
+            for points_m in (self.low_m, self.touched_m)
+        )
+
     def clear(self) -> None:
         """Forget all."""
         self.low_m = self.touched_m = _NONE

@@ -37,6 +37,10 @@ _SILENT_S = 1.0
 """and after this long at least: recognition may take its time."""
 _JUMP_M, _JUMP_RAD = 0.3, 0.3
 """A correction of the pose by more than this is a jump."""
+_SLIP_M, _SLIP_RAD = 0.05, 0.05
+"""A slip of the wheels by more than this has moved odometry's frame: a cell of the costmap."""
+_SLIP_NS = 1_000_000_000
+"""So long after the wheels hold again, corrections are still of the slip."""
 
 
 class Echoes(NamedTuple):
@@ -64,6 +68,10 @@ class Measurements:
         self.battery: BatteryCharge | None = None
         self.map_from_odom: tuple[int, SE2] | None = None
         """The newest correction of odometry, with its stamp."""
+        self._before_slip: SE2 | None = None
+        """The last one before the slip that odometry was not yet corrected of."""
+        self._slip_ns: int | None = None
+        """When the wheels last slipped."""
         self.echoes: Echoes | None = None
         self._scans: deque[tuple[Scan, SE2]] = deque(maxlen=_SCANS_KEPT)
         self._pose_std_m: float | None = None
@@ -141,10 +149,31 @@ class Measurements:
         """Take a correction of odometry; whether the pose in the map jumps by it."""
         before = self.map_from_odom
         self.map_from_odom = (stamp_ns, map_from_odom)
+        status = self.localization
+        if status is not None and status.wheel_slip:
+            self._slip_ns = stamp_ns
+        slipped = self._slip_ns is not None and stamp_ns - self._slip_ns <= _SLIP_NS
+        if not slipped or before is None:
+            self._before_slip = None
+        elif self._before_slip is None:
+            self._before_slip = before[1]
         if before is None or self.odom is None:
             return False
         old, new = (one @ self.odom[1] for one in (before[1], map_from_odom))
         return _are_apart(new, old, _JUMP_M, _JUMP_RAD)
+
+    def odom_slipped(self, epoch: int | None) -> SE2 | None:
+        """Where odometry has what it had at a place before the wheels slipped, odom_from_before;
+        None: they have not, or no more than was told.
+        """
+        before, now = self._before_slip, self.map_from_odom
+        if before is None or now is None or self.odom is None or not self.is_localized(epoch):
+            return None
+        old, new = before @ self.odom[1], now[1] @ self.odom[1]
+        if not _are_apart(new, old, _SLIP_M, _SLIP_RAD):
+            return None
+        self._before_slip = now[1]
+        return now[1].inverse() @ before
 
     def map_from_base(self) -> SE2:
         """The robot's pose, once odometry and its correction are known."""
