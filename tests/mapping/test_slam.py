@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
-from mazebot.common.maths.frames import SE2
+from mazebot.common.maths.frames import SE2, Array
+from mazebot.common.messages.documents import Planar
 from mazebot.common.messages.scan import Scan
 from mazebot.mapping.params import SlamParams
 from mazebot.mapping.slam import CARRIED_OFF, NO_ODOMETRY, NOT_LATER, Slam
@@ -309,6 +310,65 @@ def test_a_robot_that_was_carried_off_adds_nothing_to_the_map(there: SE2) -> Non
     assert last - first <= slam.left_out[CARRIED_OFF] <= last - first + 15
     assert not any(lost[last + 15 :])
     assert slam.pose()[0].distance_m(steps[-1].true) < 0.03
+
+
+def carried(poses: list[SE2], then: list[SE2], walls: Array = ROOM) -> list[Step]:
+    """A drive along poses, and along others to which the robot is carried, which odometry does not
+    tell.
+    """
+    steps = log(walls, [*poses, *then])
+    odom_from_map = steps[len(poses) - 1].odom @ then[0].inverse()
+    return steps[: len(poses)] + [
+        dataclasses.replace(step, odom=odom_from_map @ step.true) for step in steps[len(poses) :]
+    ]
+
+
+LATER = way([(3.2, 2.3), (1.4, 2.4), (1.2, 1.6), (3.2, 1.8), (3.3, 0.7), (3.2, 2.3)])
+
+
+def test_a_robot_that_was_carried_off_is_found_where_it_has_moved_on_the_map() -> None:
+    steps = carried(TOUR, LATER)
+    slam = Slam(PARAMS, TOUR[0])
+    off, lost = [], []
+    for step in feed(slam, steps):
+        off.append(slam.pose()[0].distance_m(step.true))
+        lost.append(slam.is_lost)
+    first = lost.index(True)
+    assert len(TOUR) <= first <= len(TOUR) + 3
+    found = lost.index(False, first)
+    assert steps[first].true.distance_m(steps[found].true) < 2.0
+    assert not any(lost[found:])
+    assert max(off[found + 3 :]) < 0.04
+    truth = slam_of(log(ROOM, TOUR)).grid()
+    grid = slam.grid()
+    assert grid.cells.shape == truth.cells.shape
+    assert ((grid.cells == 100) != (truth.cells == 100)).sum() < 30
+
+
+def test_where_two_places_look_alike_the_robot_stays_lost() -> None:
+    """A room that looks the same turned by half."""
+    room = np.concatenate([box(0.0, 0.0, 4.0, 3.0), wall(2.0, 0.0, 2.0, 1.0)])
+    room = np.concatenate([room, wall(2.0, 3.0, 2.0, 2.0)])
+    tour = way([(0.7, 0.7), (1.4, 1.5), (3.2, 1.5), (3.3, 0.7), (3.2, 2.3), (1.4, 1.5), (0.7, 2.3)])
+    other = way([(3.3, 2.2), (3.3, 0.8), (2.6, 1.5), (1.2, 1.5), (0.8, 2.3)])
+    slam = slam_of(carried(tour, other, room))
+    assert slam.is_lost
+    keyframes = slam.keyframes
+    assert keyframes == slam_of(log(room, tour)).keyframes
+
+
+def test_a_map_that_was_made_before_is_not_gone_on_with_from_a_wrong_pose() -> None:
+    made = slam_of(log(ROOM, TOUR))
+    document = made.document(0)
+    for wrong in (SE2(0.0, 0.0, 0.0), SE2(1.5, 0.9, 1.2)):
+        start = wrong @ LATER[0]
+        steps = log(ROOM, LATER)
+        planar = Planar(x_m=start.x_m, y_m=start.y_m, yaw_rad=start.yaw_rad)
+        slam = Slam.restored(PARAMS, document.model_copy(update={"map_from_odom": planar}))
+        lost = [slam.is_lost for _ in feed(slam, steps)]
+        assert lost[2] == (wrong != SE2(0.0, 0.0, 0.0))
+        assert not lost[-1]
+        assert slam.pose()[0].distance_m(steps[-1].true) < 0.04
 
 
 def test_boxes_that_come_around_a_robot_carry_it_nowhere() -> None:

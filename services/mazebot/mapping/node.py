@@ -62,8 +62,8 @@ _RETURN_NS = 3_000_000_000
 
 
 _CARRIED_OFF = (
-    "all at once, the scans do not match the map any more: the robot was carried off, and the map "
-    "stays as it is until they match again"
+    "all at once, the scans do not match the map any more: the robot was carried off; nothing is "
+    "added to the map until the robot has moved and is found on it"
 )
 
 
@@ -290,6 +290,7 @@ class MappingNode(Node):
                     state=state,
                     quality=0.0 if slam is None else slam.quality,
                     reason=_CARRIED_OFF if state == "lost" else "",
+                    wants_motion=state == "lost",
                     epoch=self._watch.epoch,
                     wheel_slip=slips,
                 ),

@@ -25,6 +25,7 @@ from mazebot.mapping.graph.graph_file import NodeScan, graph_document, graph_of,
 from mazebot.mapping.graph.landmarks import MarkerCandidate, MarkerLandmarks
 from mazebot.mapping.graph.optimizer import CHI2_99, Covariances
 from mazebot.mapping.graph.pose_graph import ODOMETRY, SCAN_MATCH, Graph, information_of
+from mazebot.mapping.loops.carried_off import CarriedOff
 from mazebot.mapping.loops.loop_closer import LoopCloser
 from mazebot.mapping.loops.loop_closing import find_loop
 from mazebot.mapping.matching.correlative import correlate
@@ -77,16 +78,7 @@ _COMPACT_M = 0.025
 """Their returns are averaged within cells of this side."""
 _LOST_FIT = 0.3
 """Below it a scan does not constrain the pose."""
-_CARRIED_FIT, _CARRIED_FALL, _CARRIED_SCANS = 0.5, 0.3, 3
-"""A robot whose scans fit no more than this, and by so much less than the one before it, over a
-short step and so many times in a row, was carried off: over short steps of its own, the fit falls
-by less than 0.05 from one scan to the next in each of the shipped worlds.
-"""
-_CARRIED_BEHIND = 0.05
-"""And so many of its returns come from behind walls: of a robot that things come around, none."""
-_BACK_FIT, _BACK_SCANS = 0.85, 10
-"""It is back where the map has it once so many scans in a row fit so well."""
-_BEGIN_STD_M, _BEGIN_STD_RAD = 0.1, 0.1
+_BEGIN = PlanarCovariance(x_x=0.01, y_y=0.01, yaw_yaw=0.01)
 """Of the pose of a robot that comes to a map made before."""
 _WINDOW, _MOST_WINDOW_M, _MOST_WINDOW_RAD = 2.0, 1.5, 0.8
 """Standard deviations of the prediction that are searched, and the half of the window at most."""
@@ -192,10 +184,7 @@ class Slam:
         """Steps of odometry that were not believed."""
         self.fixed = False
         """The map stays as it is: scans only correct the pose."""
-        self._unfit_scans = 0
-        """In a row since the fit fell at once."""
-        self._fit_scans = 0
-        """In a row since the robot was carried off."""
+        self._carried = CarriedOff(params)
         self.map_version = 0
         self.graph_version = 0
         self.quality = 0.0
@@ -215,11 +204,7 @@ class Slam:
             slam._placed.append(np.zeros((3, 3)))
             slam._keep(scan.stamp_ns, seen, thinned(seen.points_m, _SPACING_M, _MOST_RETURNS))
             slam._occupancy.add(loaded.graph.pose(node), seen)
-        slam._covariance = PlanarCovariance(
-            x_x=_BEGIN_STD_M * _BEGIN_STD_M,
-            y_y=_BEGIN_STD_M * _BEGIN_STD_M,
-            yaw_yaw=_BEGIN_STD_RAD * _BEGIN_STD_RAD,
-        )
+        slam._covariance = _BEGIN
         slam._closer = LoopCloser(
             loaded.graph, closed=document.loops, rejected=document.loops_rejected
         )
@@ -264,7 +249,7 @@ class Slam:
     @property
     def is_lost(self) -> bool:
         """Whether the robot was carried off: nothing is added to the map until scans fit again."""
-        return self._unfit_scans >= _CARRIED_SCANS
+        return self._carried.is_certain
 
     @property
     def keyframes(self) -> int:
@@ -351,10 +336,10 @@ class Slam:
         fit = self._match(returns, seen.sensor, motion)
         self._scanned = (stamp_ns, odom_from_base)
         if fit is not None:
-            if self._was_carried(fit, motion, returns, seen.sensor):
+            self._judge(fit, motion, returns, seen.sensor)
+            if self._carried.is_possible:
                 self._usual_fit = usual_fit
-            self.quality = fit
-        if self.fixed or self._unfit_scans:
+        if self.fixed or self._carried.is_possible:
             self._local_map()
         elif self._wants_keyframe(fit, sees_round):
             self._add_keyframe(stamp_ns, seen, returns, fit is not None and fit >= _LOST_FIT)
@@ -363,26 +348,31 @@ class Slam:
         if self._visited:
             self._visited = False
             self._close_loop(self._reference)
+        if self.is_lost:
+            self._look_for_itself(odom_from_base, returns, seen.sensor)
         self._map_from_odom = self._pose @ odom_from_base.inverse()
-        if self._unfit_scans:
+        if self._carried.is_possible:
             self.left_out[CARRIED_OFF] += 1
             return False
         return True
 
-    def _was_carried(self, fit: float, moved: SE2 | None, returns: Array, sensor: SE2) -> bool:
-        """Whether the robot was carried off, or may have been just now."""
-        if self.is_lost:
-            self._fit_scans = self._fit_scans + 1 if fit >= _BACK_FIT else 0
-            if self._fit_scans >= _BACK_SCANS:
-                self._unfit_scans = self._fit_scans = 0
-        elif self._unfit_scans:
-            self._unfit_scans = self._unfit_scans + 1 if fit <= _CARRIED_FIT else 0
-        elif moved is not None and not _is_large(moved):
-            fell = fit <= _CARRIED_FIT and fit <= self.quality - _CARRIED_FALL
-            if fell:
-                behind = share_behind_walls(self.grid(), self._pose, returns, sensor)
-                self._unfit_scans = int(behind >= _CARRIED_BEHIND)
-        return self._unfit_scans > 0
+    def _judge(self, fit: float, moved: SE2 | None, returns: Array, sensor: SE2) -> None:
+        """Whether the robot was carried off, by how well its scan fits after a motion."""
+        before = math.inf if moved is None else None if _is_large(moved) else self.quality
+        self._carried.judge(
+            fit, before, lambda: share_behind_walls(self.grid(), self._pose, returns, sensor)
+        )
+        self.quality = fit
+
+    def _look_for_itself(self, odom_from_base: SE2, returns: Array, sensor: SE2) -> None:
+        """Take the pose of a robot that was carried off from where its scans fit the map."""
+        self._carried.see(odom_from_base, returns, sensor)
+        found = self._carried.find(self._graph, self._clouds, self.grid, self._scatter)
+        if found is None:
+            return
+        self._pose, self._covariance = found, _BEGIN
+        self._reference = -1
+        self._local = None
 
     def marker(
         self,
@@ -399,7 +389,7 @@ class Slam:
         closes a loop.
         """
         odom_from_base = self._history.at(stamp_ns)
-        if odom_from_base is None or self._reference < 0 or self.fixed or self._unfit_scans:
+        if odom_from_base is None or self._reference < 0 or self.fixed or self._carried.is_possible:
             return False
         graph = self._graph
         before = graph.pose(self._reference)

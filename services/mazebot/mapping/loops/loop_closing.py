@@ -14,7 +14,7 @@ from mazebot.mapping.graph.pose_graph import Graph, Ints, information_of
 from mazebot.mapping.loops.loop_search import loop_search, search_map
 from mazebot.mapping.matching.local_map import local_map
 from mazebot.mapping.matching.refine import Refined, refine
-from mazebot.mapping.matching.scan_points import ScanPoints, moved, moved_cloud, thinned
+from mazebot.mapping.matching.scan_points import ScanPoints, joined_cloud, moved, thinned
 from mazebot.mapping.params import SlamParams
 
 _SIGMAS = 3.5
@@ -27,7 +27,6 @@ _CORRIDOR_FIT = 0.85
 """Along a corridor, where a search finds many poses, the estimate may still be corrected across."""
 _NEWEST = 6
 """Keyframes at most of the newer part of a loop."""
-_RETURNS, _SPACING_M = 400, 0.03
 _LOOSE = np.diag([4.0, 4.0, 10.0])
 """Information of the start of the refinement: the loop is to be measured, not assumed."""
 _STD_M, _STD_RAD = 5e-3, 3e-3
@@ -67,7 +66,9 @@ def find_loop(
     window_m = _SIGMAS * float(np.sqrt(max(covariance[0, 0], covariance[1, 1])))
     window_rad = _SIGMAS * float(np.sqrt(covariance[2, 2]))
     here = graph.pose(node)
-    cloud = _joined(graph, clouds, new, here)
+    cloud = joined_cloud(
+        [graph.pose(one) for one in new.tolist()], [clouds[one] for one in new.tolist()], here
+    )
     old = np.sort(old)
     old_clouds = [clouds[one] for one in old.tolist()]
     old_poses = [graph.pose(one) for one in old.tolist()]
@@ -117,16 +118,3 @@ def _within(graph: Graph, nodes: Ints, node: int, radius_m: float) -> Ints:
     """Indices into nodes of those within a radius of a node."""
     x, y = (graph.poses[nodes, :2] - graph.poses[node, :2]).T
     return np.flatnonzero(portable.hypot_each(x, y) <= radius_m)
-
-
-def _joined(graph: Graph, clouds: Sequence[Array], nodes: Ints, here: SE2) -> Array:
-    """(n, 6) clouds of nodes in the frame of a pose, thinned."""
-    from_map = here.inverse()
-    parts = [
-        thinned(moved_cloud(clouds[one], from_map @ graph.pose(one)), _SPACING_M, _RETURNS)
-        for one in nodes.tolist()
-    ]
-    joined = np.concatenate(parts)
-    if len(joined) > _RETURNS:
-        joined = joined[np.arange(_RETURNS) * len(joined) // _RETURNS]
-    return np.ascontiguousarray(joined)

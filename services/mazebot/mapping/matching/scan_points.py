@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -22,6 +23,7 @@ on glass or on something black, and would clear what is behind a wall.
 """
 
 _REACH_SHARE = 0.9
+_MOST_JOINED, _JOINED_SPACING_M = 400, 0.03
 
 
 @dataclass(frozen=True)
@@ -149,6 +151,19 @@ def moved_cloud(cloud: Array, pose: SE2) -> Array:
     turned[:, 2] = c * cloud[:, 2] - s * cloud[:, 3]
     turned[:, 3] = s * cloud[:, 2] + c * cloud[:, 3]
     return turned
+
+
+def joined_cloud(poses: Sequence[SE2], clouds: Sequence[Array], here: SE2) -> Array:
+    """(n, 6) clouds seen from poses, in the frame of the pose `here`, thinned."""
+    from_frame = here.inverse()
+    parts = [
+        thinned(moved_cloud(cloud, from_frame @ pose), _JOINED_SPACING_M, _MOST_JOINED)
+        for pose, cloud in zip(poses, clouds, strict=True)
+    ]
+    joined = np.concatenate(parts)
+    if len(joined) > _MOST_JOINED:
+        joined = joined[np.arange(_MOST_JOINED) * len(joined) // _MOST_JOINED]
+    return np.ascontiguousarray(joined)
 
 
 _BESIDE = 3
