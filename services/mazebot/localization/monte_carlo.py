@@ -529,7 +529,8 @@ class Localization:
             if fit.consistency >= _OPEN_FLOOR:
                 self._trust("no wall is in range, and the initial pose says so", fit.quality)
             elif given.scans >= _VERDICT_SCANS:
-                self._search("searching", "walls that are in range of the initial pose are unseen")
+                why = "walls that are in range of the initial pose are unseen"
+                self._search("searching", why, given.map_from_odom)
             return
         hidden = fit.consistency >= _UNCONTRADICTED
         # Rays that are lost are lost at each pose.
@@ -558,7 +559,7 @@ class Localization:
             if not fit.is_mapped:
                 share = "the initial pose is where the map shows nothing"
             other = "" if rival is None else "; another pose matches better"
-            self._search("searching", share + other)
+            self._search("searching", share + other, given.map_from_odom)
 
     def _rival(self, given: _Given, view: ScanView, likelihood: float) -> _Rival | None:
         """The best pose on the map for a scan, if it is far likelier than the estimate."""
@@ -684,12 +685,16 @@ class Localization:
 
     def _give_up(self, reason: str) -> None:
         """Search the map for the pose; a robot whose pose was never trusted is not lost."""
-        self._search("lost" if self._state == "localized" else "searching", reason)
+        before = None
+        if self._odom_from_base is not None:
+            before = self._set.pose @ self._odom_from_base.inverse()
+        self._search("lost" if self._state == "localized" else "searching", reason, before)
 
-    def _search(self, state: LocalizationState, reason: str) -> None:
+    def _search(self, state: LocalizationState, reason: str, before: SE2 | None = None) -> None:
+        """Search the map. `before`: map_from_odom until now, if there was a pose to be trusted."""
         p = self._params
         self._hypotheses = Hypotheses(
-            self._rays, self._table, p.max_hypotheses, p.dynamic_share, p.min_returns
+            self._rays, self._table, p.max_hypotheses, p.dynamic_share, p.min_returns, before
         )
         self._given = None
         self._state, self._reasons, self._cause = state, (reason,), reason
@@ -775,7 +780,11 @@ class Localization:
         self._set.begin(here, (found + found.T) / 2.0 + np.diag(_FOUND_VARIANCES))
         self._hypotheses = None
         self._state = "localized"
-        why = "markers agree" if verdict.markers >= _MARKERS_AGREE else "no other pose matches"
+        why = "no other pose matches"
+        if verdict.markers >= _MARKERS_AGREE:
+            why = "markers agree"
+        elif verdict.matches_alone < self._params.search_certainty:
+            why = "of those that match, the one about where the robot was"
         self._reasons = (f"pose found: {why}",)
         self._begin_at_latest_odometry(forget=False)
         self._monitor.begin(verdict.quality)

@@ -14,8 +14,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
-from mazebot.common.maths import portable_kernels
+from mazebot.common.maths import portable, portable_kernels
 from mazebot.common.maths.frames import SE2, Array, wrap_angle
 from mazebot.localization.beam_model import (
     NOWHERE_COST,
@@ -42,6 +43,14 @@ _FOLLOWED_BACK = 64
 _SAME_M, _SAME_RAD = 0.12, 0.15
 _PLACE_M, _PLACE_RAD = 0.35, 0.3
 """Hypotheses nearer than this to the best one speak for the same pose."""
+_AROUND_M, _AROUND_RAD = 1.0, 1.0
+"""A robot that was pushed, or has slipped, is within this of where it was."""
+_PUSHED = 7.5
+"""How much likelier that is than that it was carried to any other one place, as a logarithm: on a
+floor of 30 m2, 200 times by the places alone, and people push more often than they carry.
+"""
+_PUSHED_TRAVEL_M = 4.0
+"""It counts from this way on: what can tell two places apart by then has told."""
 _DRIFT_M, _DRIFT_RAD = 0.03, 0.02
 _DRIFT_SHARE = 0.1
 _RETURN_STD_M = 0.12
@@ -99,6 +108,8 @@ class Verdict:
     """Way since the first keyframe, a turn of 1 rad counting 0.25 m."""
     markers: int
     """Sightings of markers that it explains."""
+    matches_alone: float
+    """Its certainty by what was seen alone, without that it is about where the robot was."""
 
 
 class Hypotheses:
@@ -107,8 +118,15 @@ class Hypotheses:
     """
 
     def __init__(
-        self, rays: RayMap, table: SearchMap, most: int, dynamic_share: float, min_returns: int
+        self,
+        rays: RayMap,
+        table: SearchMap,
+        most: int,
+        dynamic_share: float,
+        min_returns: int,
+        before: SE2 | None = None,
     ) -> None:
+        """`before`: map_from_odom until the pose was lost, if it had one."""
         self._rays = rays
         self._table = table
         self._most = most
@@ -120,6 +138,9 @@ class Hypotheses:
         """(n, keyframes) log-likelihoods; scans' and markers' together."""
         self._qualities = np.empty((0, 0))
         self._information = np.empty((0, 3, 3))
+        self._before = before
+        self._around = np.empty(0, np.bool_)
+        """(n,) whether a pose goes back to about where the robot was before."""
         self._since_search = _SEARCH_EACH
         self._travel_m = 0.0
         self._view: ScanView | None = None
@@ -226,10 +247,13 @@ class Hypotheses:
             if not len(poses):
                 return
         new_scores, new_rated = columns, rated
+        around = self._is_around(back)
         if not known:
+            self._around = around
             self._poses, self._scores, self._qualities = poses, new_scores, new_rated
             self._information = information
         else:
+            self._around = np.concatenate([self._around, around])
             self._poses = np.concatenate([self._poses, poses])
             self._scores = np.concatenate([self._scores, new_scores])
             self._qualities = np.concatenate([self._qualities, new_rated])
@@ -270,7 +294,17 @@ class Hypotheses:
             float(self._qualities[best, -1]),
             self._travel_m,
             explained,
+            float(self._weights_by_sight()[near].sum()),
         )
+
+    def _is_around(self, poses: Array) -> NDArray[np.bool_]:
+        """(n,) whether poses (n, 3) at the oldest keyframe are about where the robot was."""
+        if self._before is None:
+            return np.zeros(len(poses), np.bool_)
+        x_m, y_m, yaw_rad = self._before @ self._keyframes[0].odom_from_base
+        away_m = portable.hypot_each(poses[:, 0] - x_m, poses[:, 1] - y_m)
+        turned_rad = np.abs((poses[:, 2] - yaw_rad + np.pi) % (2.0 * np.pi) - np.pi)
+        return np.asarray((away_m <= _AROUND_M) & (turned_rad <= _AROUND_RAD))
 
     def _fit(
         self, poses: Array, keyframe: _Keyframe, moved: float
@@ -297,11 +331,18 @@ class Hypotheses:
         return np.asarray(self._scores.sum(axis=1))
 
     def _weights(self) -> Array:
-        if not len(self._poses):
-            return np.empty(0)
-        totals = np.append(self._totals(), sum(each.nowhere() for each in self._keyframes))
-        weights = portable_kernels.exp_each(totals - totals.max())
-        return np.asarray(weights[:-1] / weights.sum())
+        """(n,) probabilities."""
+        if self._travel_m < _PUSHED_TRAVEL_M or not self._around.any():
+            return self._weights_by_sight()
+        # That the robot is not on this map becomes no less likely by it.
+        return _shares(self._totals() + _PUSHED * self._around, self._nowhere() + _PUSHED)
+
+    def _weights_by_sight(self) -> Array:
+        """(n,) the same by what was seen alone."""
+        return _shares(self._totals(), self._nowhere())
+
+    def _nowhere(self) -> float:
+        return sum(each.nowhere() for each in self._keyframes)
 
     def _prune(self) -> None:
         totals = self._totals()
@@ -311,6 +352,14 @@ class Hypotheses:
         self._poses = np.ascontiguousarray(self._poses[order])
         self._scores, self._qualities = self._scores[order], self._qualities[order]
         self._information = self._information[order]
+        self._around = self._around[order]
+
+
+def _shares(totals: Array, nowhere: float) -> Array:
+    """(n,) probabilities by (n,) log-likelihoods, and that of what is not among them."""
+    highest = max(float(totals.max(initial=nowhere)), nowhere)
+    weights = portable_kernels.exp_each(np.append(totals, nowhere) - highest)
+    return np.asarray(weights[:-1] / weights.sum())
 
 
 def _moved(poses: Array, motion: SE2) -> Array:
