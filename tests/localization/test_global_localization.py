@@ -230,6 +230,36 @@ class TestKidnapped:
                 break
         assert made.loc.state != "localized", made.loc.reasons
 
+    @pytest.mark.parametrize("seed", range(3))
+    def test_pushed_it_is_found_there_where_two_places_look_alike(self, seed: int) -> None:
+        """A room that looks the same from both ends: people push a robot more often than they carry
+        it to the one other place.
+        """
+        made = at_known_pose(offline.rectangle(6.0, 4.0), seed)
+        for _ in range(60):
+            made.wander()
+        made.kidnap(made.pose @ SE2(0.1, 0.15, 0.8))
+        seconds_until(made, "searching", 10.0)
+        seconds_until(made, "localized", 40.0)
+        assert made.error()[0] < 0.1
+        assert made.error()[1] < 0.1
+
+    @pytest.mark.parametrize("seed", range(3))
+    def test_carried_far_no_wrong_one_of_two_places_is_trusted(self, seed: int) -> None:
+        made = at_known_pose(offline.rectangle(6.0, 4.0), seed)
+        for _ in range(60):
+            made.wander()
+        before, there = made.pose, made.pose
+        while (
+            min(there.distance_m(before), SE2(-there.x_m, -there.y_m, 0.0).distance_m(before)) < 2
+        ):
+            there = made.place.free_pose(made.rng)
+        made.kidnap(there)
+        seconds_until(made, "searching", 10.0)
+        for _ in range(600):
+            made.wander()
+            assert made.loc.state == "searching" or made.error()[0] < 0.1
+
     def test_a_wrong_initial_pose_is_mended(self) -> None:
         made = robot(house(), 12)
         made.loc.initialize(made.place.free_pose(np.random.default_rng(99)), NEAR)
