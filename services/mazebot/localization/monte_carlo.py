@@ -256,6 +256,11 @@ class Localization:
         return self._state in ("searching", "lost")
 
     @property
+    def is_suspect(self) -> bool:
+        """Whether scans contradict a pose that is trusted still."""
+        return self._state == "localized" and self._monitor.is_suspect
+
+    @property
     def scan_match(self) -> float:
         """Fraction of the returns that are the map's walls, 0 to 1, as a running mean.
 

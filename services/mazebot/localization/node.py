@@ -102,7 +102,7 @@ class LocalizationNode(Node):
         self._slip = WheelSlip()
         self._scanned = False
         self._schedule = Schedule()
-        self._published: tuple[State, int | None, bool] | None = None
+        self._published: tuple[State, int | None, bool, bool] | None = None
         """State, epoch and slip of the status last published."""
         self._kept: LocalizationCheckpoint | None = None
         """Of the process before, until its pose is used."""
@@ -415,11 +415,13 @@ class LocalizationNode(Node):
         due = self._schedule.is_due("status", now_ns, _STATUS_PERIOD_NS)
         reason = "" if localization is None else "; ".join(localization.reasons)
         slips = self._slip.slips
-        if due or self._published != (state, self._watch.epoch, slips):
+        suspect = localization is not None and state == "localized" and localization.is_suspect
+        published = state, self._watch.epoch, slips, suspect
+        if due or self._published != published:
             if self._published is None or self._published[0] != state:
                 _LOG.info("%s%s", state, f": {reason}" if reason else "")
             log_slip(_LOG, slips, self._published is not None and self._published[2])
-            self._published = (state, self._watch.epoch, slips)
+            self._published = published
             outbox.put(
                 LOCALIZATION_STATUS,
                 LocalizationStatus(
@@ -429,6 +431,7 @@ class LocalizationNode(Node):
                     wants_motion=localization is not None and localization.wants_motion,
                     epoch=self._watch.epoch,
                     wheel_slip=slips,
+                    suspect=suspect,
                 ),
             )
 

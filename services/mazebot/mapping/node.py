@@ -95,8 +95,8 @@ class MappingNode(Node):
         self._scanned = False
         self._schedule = Schedule()
         self._slip = WheelSlip()
-        self._published: tuple[str, int | None, bool] | None = None
-        """State, epoch and slip of the status last published."""
+        self._published: tuple[str, int | None, bool, bool] | None = None
+        """State, epoch, slip and suspicion of the status last published."""
         self._published_map: int | None = None
         """Version of the map last published."""
         self._published_graph: tuple[int, int] | None = None
@@ -276,14 +276,16 @@ class MappingNode(Node):
         # Called on every step, so that the period counts from the last status published.
         due = self._schedule.is_due("status", now_ns, _STATUS_PERIOD_NS)
         slips = self._slip.slips
-        if due or self._published != (state, self._watch.epoch, slips):
+        suspect = slam is not None and state == "localized" and slam.is_suspect
+        published = state, self._watch.epoch, slips, suspect
+        if due or self._published != published:
             if self._published is None or self._published[0] != state:
                 if state == "lost":
                     _LOG.warning("lost: %s", _CARRIED_OFF)
                 else:
                     _LOG.info("%s", state)
             log_slip(_LOG, slips, self._published is not None and self._published[2])
-            self._published = (state, self._watch.epoch, slips)
+            self._published = published
             outbox.put(
                 LOCALIZATION_STATUS,
                 LocalizationStatus(
@@ -293,6 +295,7 @@ class MappingNode(Node):
                     wants_motion=state == "lost",
                     epoch=self._watch.epoch,
                     wheel_slip=slips,
+                    suspect=suspect,
                 ),
             )
 

@@ -252,6 +252,11 @@ class Slam:
         return self._carried.is_certain
 
     @property
+    def is_suspect(self) -> bool:
+        """Whether it may have been, just now."""
+        return self._carried.is_possible and not self._carried.is_certain
+
+    @property
     def keyframes(self) -> int:
         """Number of keyframes."""
         return len(self._seen)

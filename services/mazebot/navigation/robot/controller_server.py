@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 
 from pydantic import Field
 
@@ -31,6 +32,9 @@ _GIVES_WAY_M = 1.2
 _GIVES_WAY_M_S = 0.1
 _GIVES_WAY_NS = 15_000_000_000
 """For so long a robot may stand, or drive slowly, with a moving obstacle this near."""
+
+_DOUBTED_NS = 5_000_000_000
+"""After so long, a pose that scans contradict has been compared with all others, and kept."""
 
 
 class ControllerServerParams(RobotLimits):
@@ -90,6 +94,7 @@ class ControllerServer:
         self._blocked_since_ns: int | None = None
         self._gives_way_since_ns: int | None = None
         self._controlled_ns = 0
+        self._doubted_since_ns: int | None = None
         self.stuck_towards: Velocity | None = None
         """The command that did not move the robot, until somebody takes it."""
 
@@ -140,6 +145,9 @@ class ControllerServer:
             elapsed_s = self.control_period_s
         self._controlled_ns = view.now_ns
         made = self.controller.step(elapsed_s, around)
+        if self._is_doubted(now_ns, view.is_suspect) and made.reached:
+            made = replace(made, reached=False)
+            self._progress.reset()
         where = f"at ({pose.x_m:.2f}, {pose.y_m:.2f})"
         if self._gives_way(now_ns, view, made.velocity):
             self._blocked_since_ns = None
@@ -200,6 +208,15 @@ class ControllerServer:
         self._progress.reset()
         self._stuck.reset()
         self._blocked_since_ns = None
+
+    def _is_doubted(self, now_ns: int, is_suspect: bool) -> bool:
+        """Whether the robot may be elsewhere than it believes, and that is soon decided."""
+        if not is_suspect:
+            self._doubted_since_ns = None
+            return False
+        if self._doubted_since_ns is None:
+            self._doubted_since_ns = now_ns
+        return now_ns - self._doubted_since_ns <= _DOUBTED_NS
 
     def _gives_way(self, now_ns: int, view: View, velocity: Velocity) -> bool:
         """Whether the robot stands because something that moves is near: for a while, that is no

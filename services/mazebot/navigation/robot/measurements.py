@@ -203,6 +203,11 @@ class Measurements:
         status = self.localization
         return status is not None and status.wheel_slip and status.epoch == epoch
 
+    def is_suspect(self, epoch: int | None) -> bool:
+        """Whether scans contradict the pose, and it may turn out wrong."""
+        status = self.localization
+        return status is not None and status.suspect and status.epoch == epoch
+
     def is_searching(self) -> bool:
         """Whether a global localization was requested: the robot moves without a goal."""
         return self.localization is not None and self.localization.state == "searching"
@@ -258,6 +263,7 @@ class Measurements:
             len(hidden_m),
             self.is_heard,
             self.battery,
+            self.is_suspect(epoch),
             self.is_depth_silent(now_ns),
         )
 

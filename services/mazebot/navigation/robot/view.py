@@ -31,6 +31,8 @@ class View:
     is_heard: bool = True
     """Whether commands reach the robot in time, as far as is known."""
     battery: BatteryCharge | None = None
+    is_suspect: bool = False
+    """Whether scans contradict the pose, which may turn out wrong."""
     slows_down: bool = False
     """Whether a sensor that it could do without is silent."""
 

@@ -27,6 +27,11 @@ class LocalizationStatus(Document):
         description="the scans show that the wheels turn and the robot does not move as they say; "
         "the pose does not follow them meanwhile",
     )
+    suspect: bool = Field(
+        False,
+        description="of `localized`: scans contradict the pose, and whether it is lost is not yet "
+        "decided",
+    )
     epoch: int | None = Field(None, description="the simulation's epoch; null before it is known")
 
 
