@@ -54,6 +54,7 @@ from mazebot.common.messages.topics import (
     NAVIGATION_STATUS,
     ODOM,
     PARTICLE_CLOUD,
+    PAUSE_GOAL,
     PHOTO,
     PHOTO_REQUEST,
     PLAN,
@@ -416,6 +417,16 @@ def test_the_same_world_and_map_latched_again_change_nothing() -> None:
     driver.run(0.2)
     assert driver.results() == []
     assert driver.of(NAVIGATION_STATUS)[-1].state == "controlling"
+
+
+def test_a_paused_task_is_told_as_held() -> None:
+    driver = ready()
+    driver.goal(LOCATIONS["location1"])
+    driver.run(2.0)
+    for pause, states in ((True, {"held"}), (False, {"planning", "controlling"})):
+        driver.inbox.ask(PAUSE_GOAL, act.PauseGoal(pause=pause), lambda _: None)
+        driver.run(1.0)
+        assert driver.of(NAVIGATION_STATUS)[-1].state in states
 
 
 def test_another_world_aborts_the_goal_and_begins_at_its_start() -> None:

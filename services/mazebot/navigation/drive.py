@@ -57,7 +57,7 @@ from mazebot.navigation.robot.robot_context import RobotContext
 
 _LOG = logging.getLogger("navigation")
 
-State = Literal["planning", "controlling", "recovering"]
+State = Literal["planning", "controlling", "recovering", "held"]
 _NOWHERE = SE2(0.0, 0.0, 0.0)
 
 
@@ -109,6 +109,8 @@ class Drive:
 
     def state(self) -> State:
         """What the task does in this step."""
+        if self.navigator.hold in ("held", "paused"):
+            return "held"
         if self.robot.controlled:
             return "controlling"
         return "planning" if self.robot.command is None else "recovering"

@@ -24,6 +24,7 @@ STATES: dict[str, tuple[int, int, int]] = {
     "controlling": GOOD,
     "planning": PLAN,
     "recovering": ESTIMATE,
+    "held": ESTIMATE,
     "idle": (120, 120, 120),
     "waiting": (120, 120, 120),
     "localized": TRUTH,

@@ -61,7 +61,9 @@ class NavigationStatus(Document):
 
     localization_active: bool
     navigation_active: bool
-    state: Literal["idle", "planning", "controlling", "recovering"] = "idle"
+    state: Literal["idle", "planning", "controlling", "recovering", "held"] = Field(
+        "idle", description="`held`: the task is paused, or the robot in an emergency stop"
+    )
     goal: Planar | None = None
     distance_remaining_m: Finite = 0.0
     number_of_recoveries: int = 0
