@@ -31,13 +31,17 @@ short step and so many times in a row, was carried off: over short steps of its 
 by less than 0.05 from one scan to the next in each of the shipped worlds.
 """
 _BEHIND = 0.05
-"""And so many of its returns come from behind walls: of a robot that things come around, none."""
+"""And so many of its returns come from behind walls: of a robot that things come around, none..."""
+_ALL_NEW = 0.15
+"""...or no more than this is left of what it saw: things around leave more to be seen."""
 _NOWHERE = 0.3
 """Of the first scan in a map that was made before, it takes no more than that so little fits: there
 is nothing that would hold together what follows and the map.
 """
 _FIT, _FIT_SCANS = 0.85, 10
-"""It is back where the map has it once so many scans in a row fit so well."""
+"""It was put back to where the map has it if so many scans in a row fit so well..."""
+_BACK_WAY_M = 0.3
+"""...before it has moved by more than this: along a corridor, many places fit."""
 _STEP_M, _STEP_RAD = 0.1, 0.2
 """A scan this far from the last one kept shows something new."""
 _MOST_SCANS = 40
@@ -99,13 +103,14 @@ class CarriedOff:
             share_behind: the share of returns that come from behind walls of the map.
         """
         if self.is_certain:
-            self._fit_scans = self._fit_scans + 1 if fit >= _FIT else 0
+            is_back = fit >= _FIT and self._way_m < _BACK_WAY_M
+            self._fit_scans = self._fit_scans + 1 if is_back else 0
             if self._fit_scans >= _FIT_SCANS:
                 self._forget()
         elif self.is_possible:
             self._unfit_scans = self._unfit_scans + 1 if fit <= _UNFIT else 0
         elif before is not None and fit <= min(_UNFIT, before - _FALL):
-            nowhere = before == math.inf and fit < _NOWHERE
+            nowhere = fit < (_NOWHERE if before == math.inf else _ALL_NEW)
             self._unfit_scans = int(nowhere or share_behind() >= _BEHIND)
 
     def _forget(self) -> None:
@@ -139,7 +144,7 @@ class CarriedOff:
             grid: the map.
             scatter: factor of the variances by the parameters, as the scans show it.
         """
-        if self._fit_scans or self._way_m < self._search_at_m:
+        if self._way_m < self._search_at_m:
             return None
         self._search_at_m = self._way_m + _SEARCH_WAY_M
         odom_from_base = self._track[-1].odom_from_base

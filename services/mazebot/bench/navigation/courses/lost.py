@@ -13,13 +13,21 @@ from mazebot.bench.navigation.courses.tours import random_poses
 from mazebot.bench.navigation.scenario import Options, Row, RunSeed
 from mazebot.bench.whole.soak import reachable_goals
 from mazebot.common.maths.frames import SE2
+from mazebot.common.messages import messages as msg
 from mazebot.common.messages.action_documents import Empty
-from mazebot.common.messages.topics import REINITIALIZE_GLOBAL_LOCALIZATION
+from mazebot.common.messages.slam_documents import ExplorationStatus
+from mazebot.common.messages.topics import (
+    EXPLORATION_STATUS,
+    MAP,
+    REINITIALIZE_GLOBAL_LOCALIZATION,
+)
 from mazebot.common.node.executive import StalledError
 from mazebot.common.node.node import random_generator
 from mazebot.embedded.session import RefusedError
+from mazebot.recorder.judging.map.true_map import Lattice, MapShares, true_map
 
 KIDNAP_AFTER_S = 4.0
+_EXPLORED_S = 400.0
 FOUND_M = 0.10
 FOUND_RAD = 0.10
 HOLDS_S = 1.0
@@ -111,6 +119,63 @@ def kidnap(
             return [row]
 
     return run
+
+
+def kidnap_mapping(world: str, least_walls_true: float) -> RunSeed:
+    """Carry the robot to another place while it explores and makes a map: what it adds to it after
+    that must be as right as before, and where it goes on, it has to have found itself. Where it
+    cannot, as in a part that it has not seen, the exploration has to say so.
+    """
+
+    def run(name: str, seed: int, options: Options) -> list[Row]:
+        random = random_generator(seed, "bench/kidnap_mapping")
+        place = BenchWorld(world, (f"maze.seed={seed}",) if world.startswith("maze") else ())
+        with Course(name, place, seed, options, slam=True) as course:
+            course.run_for(float(random.uniform(8.0, 25.0)))
+            row, here = course.row(), course.pose
+            places = (one.se2() for one in reachable_goals(course.loaded, seed + 1_000))
+            watch = _Kidnap(next(one for one in places if one.distance_m(here) > 1.5))
+            course.session.move_robot(*watch.target)
+            watch.at_s = course.now_s
+            ended = _exploration(course)
+            while not ended and course.now_s - watch.at_s < _EXPLORED_S:
+                course.tick()
+                watch.watch(course, course.now_s - watch.at_s)
+                ended = _exploration(course)
+            row.time_s = course.now_s
+            row.reached = ended is not None and ended.state == "complete"
+            row.error_msg = "not ended" if ended is None else "" if row.reached else ended.reason
+            row.contacts_robot = sum(one.by_robot for one in course.witness.contacts)
+            row.way = course.witness.truth_between(0.0, np.inf)[::3, 1:3]
+            shares = _map_shares(course)
+            row.extra = watch.figures() | {
+                "walls_true": shares.walls_true, "walls_found": shares.walls_found
+            }  # fmt: skip
+            row.success = (
+                ended is not None
+                and (shares.walls_true or 0.0) >= least_walls_true
+                and watch.wrong_s == 0.0
+                and not row.contacts_robot
+            )
+            return [row]
+
+    return run
+
+
+def _exploration(course: Course) -> ExplorationStatus | None:
+    """How the exploration has ended; None: it goes on."""
+    status = course.session.latest(EXPLORATION_STATUS)
+    return status if status is not None and status.state in ("complete", "failed") else None
+
+
+def _map_shares(course: Course) -> MapShares:
+    """How right the robot's map is."""
+    grid = course.session.latest(MAP)
+    assert grid is not None
+    truth = true_map(course.loaded.world, course.loaded.meshes)
+    origin = msg.se2_from_pose(grid.info.origin)
+    cells = np.array(msg.cells_from_grid(grid), np.int8)
+    return Lattice(truth, float(grid.info.resolution), origin).judge(cells, origin)
 
 
 def _far_goal(course: Course, seed: int) -> SE2:

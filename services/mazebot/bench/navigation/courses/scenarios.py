@@ -109,6 +109,11 @@ SCENARIOS: tuple[Scenario, ...] = (
         100, 6, "the goal reached within 60 s in 95 of 100",
     ),
     Scenario(
+        "kidnap_mapping", "carried away while it explores a maze of rooms and makes a map",
+        lost.kidnap_mapping("maze_rooms", 0.99), 20, 3,
+        "20 of 20: no wrong pose trusted, 99 % of the map's walls right",
+    ),
+    Scenario(
         "beside_boxes", "three boxes around the robot in a hall", trust.beside_boxes, 20, 3,
         "no correct pose is abandoned",
     ),
@@ -214,7 +219,7 @@ SCENARIOS: tuple[Scenario, ...] = (
 BY_NAME = {scenario.name: scenario for scenario in SCENARIOS}
 GROUPS = {
     "tours": ("tour_original", "tour_enhanced"),
-    "kidnap": ("kidnap_markers", "kidnap_lidar", "kidnap_turned", "kidnap_goal"),
+    "kidnap": ("kidnap_markers", "kidnap_lidar", "kidnap_turned", "kidnap_goal", "kidnap_mapping"),
     "trust": ("beside_boxes", "first_verdict", "unmapped_part"),
     "corridors": ("corridors_050", "corridors_060", "corridors_070"),
     "halls": ("corridor_30x2", "hall_20m", "hall_20m_pillars", "yard"),
