@@ -287,10 +287,11 @@ def test_a_pose_that_scans_left_behind_is_found_again() -> None:
     assert off[105:, 0].max() < 0.03
 
 
-@pytest.mark.parametrize("there", [SE2(10.6, 0.7, 1.0), SE2(11.1, 5.0, -2.0)])
+@pytest.mark.parametrize("there", [SE2(10.6, 0.7, 1.0), SE2(11.1, 5.0, -2.0), SE2(20.3, 4.0, 1.5)])
 def test_a_robot_that_was_carried_off_adds_nothing_to_the_map(there: SE2) -> None:
     """Nothing is known of the place but that it is another one; carried back, the map goes on."""
-    elsewhere = np.concatenate([box(10.0, 0.0, 11.6, 8.0), wall(10.0, 3.0, 10.8, 3.0)])
+    rooms = [box(10.0, 0.0, 11.6, 8.0), wall(10.0, 3.0, 10.8, 3.0), box(20.0, 0.0, 20.6, 8.0)]
+    elsewhere = np.concatenate(rooms)
     random = np.random.default_rng(5)
     first, last = 60, 100
     poses = TOUR[:first] + [TOUR[first]] * (last - first) + TOUR[first:]
@@ -343,6 +344,21 @@ def test_a_robot_that_was_carried_off_is_found_where_it_has_moved_on_the_map() -
     grid = slam.grid()
     assert grid.cells.shape == truth.cells.shape
     assert ((grid.cells == 100) != (truth.cells == 100)).sum() < 30
+
+
+def test_along_a_corridor_that_fits_the_robot_is_not_back() -> None:
+    """It was carried to where it is wider, and drove on to where it looks the same."""
+    mapped = np.array([[-20.0, 0.0, 40.0, 0.0], [-20.0, 1.5, 40.0, 1.5]])
+    wide = np.array([[-2.0, 10.0, 2.0, 10.0], [-2.0, 13.0, 2.0, 13.0]])
+    narrow = np.array([[2.0, 10.75, 40.0, 10.75], [2.0, 12.25, 40.0, 12.25]])
+    walls = np.concatenate([mapped, wide, narrow])
+    there = way([(0.0, 0.75), (10.0, 0.75), (6.0, 0.75)])
+    elsewhere = way([(0.0, 11.5), (6.0, 11.5)])
+    slam = Slam(PARAMS, there[0])
+    lost = [slam.is_lost for _ in feed(slam, carried(there, elsewhere, walls))]
+    assert not any(lost[: len(there)])
+    assert all(lost[len(there) + 3 :])
+    assert slam.quality > 0.9
 
 
 def test_where_two_places_look_alike_the_robot_stays_lost() -> None:
