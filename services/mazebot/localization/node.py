@@ -103,7 +103,7 @@ class LocalizationNode(Node):
         self._scanned = False
         self._schedule = Schedule()
         self._published: tuple[State, int | None, bool, bool] | None = None
-        """State, epoch and slip of the status last published."""
+        """State, epoch, slip and suspicion of the status last published."""
         self._kept: LocalizationCheckpoint | None = None
         """Of the process before, until its pose is used."""
         self._resumed = False
