@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -42,3 +44,51 @@ def test_where_only_an_arc_is_free_the_robot_drives_along_it(ahead: float, left:
         assert time_to_collision(velocity) > 0.0
         driven_m += velocity.linear_m_s * ahead * 0.05
     assert driven_m > 0.05
+
+
+CORRIDOR = np.array(
+    [
+        *((x, y) for x in np.arange(-2.0, 0.5, 0.02) for y in (-0.275, 0.275)),
+        *((0.2, y) for y in np.arange(-0.27, 0.27, 0.02)),
+    ]
+)
+"""0.55 m wide, shut ahead."""
+
+
+def seen_from(pose: SE2) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+    c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
+    return np.ascontiguousarray((CORRIDOR - pose[:2]) @ np.array([[c, -s], [s, c]]))
+
+
+def touches(pose: SE2) -> bool:
+    x, y = seen_from(pose).T
+    return bool(((x > -0.205) & (x < 0.077) & (np.abs(y) < 0.155)).any())
+
+
+@pytest.mark.parametrize("askew_rad", [-0.35, -0.2, 0.1, 0.3])
+@pytest.mark.parametrize("aside_m", [-0.02, 0.03])
+def test_out_of_a_dead_end_that_is_too_narrow_to_turn_it_backs(
+    askew_rad: float, aside_m: float
+) -> None:
+    pose = SE2(0.0, aside_m, askew_rad)
+    assert not touches(pose)
+    params = SearchMotionParams(circumscribed_radius_m=0.257)
+    search = SearchMotion(params, look_around=False)
+
+    def moved(velocity: Velocity, seconds: float) -> SE2:
+        turned = SE2(0.0, 0.0, velocity.angular_rad_s * seconds / 2.0)
+        return pose @ turned @ SE2(velocity.linear_m_s * seconds, 0.0, 0.0) @ turned
+
+    def time_to_collision(velocity: Velocity) -> float:
+        for step in range(1, 41):
+            if touches(moved(velocity, 0.05 * step)):
+                return 0.05 * step
+        return math.inf
+
+    for _ in range(1200):
+        velocity = search.step(pose, seen_from(pose), time_to_collision)
+        pose = moved(velocity, 0.05)
+        assert not touches(pose)
+        if pose.x_m < -1.0:
+            return
+    pytest.fail(f"still at {pose}")

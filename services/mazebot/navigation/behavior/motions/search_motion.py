@@ -16,6 +16,7 @@ from mazebot.common.maths import portable_kernels
 from mazebot.common.maths.frames import SE2, Array, wrap_angle
 from mazebot.common.maths.kernels import kernel
 from mazebot.navigation.control.collision import STOP, Velocity
+from mazebot.navigation.costmap.footprint import WAFFLE
 
 _HEADINGS = 48
 _CORRIDOR_HALF_WIDTH_M = 0.2
@@ -26,7 +27,10 @@ _FAR_M, _NEW_M = 2.0, 2.0
 _CRUMB_M = 0.3
 _LEG_M = 1.2
 _ESCAPE_M_S, _ESCAPE_RAD_S = 0.1, 0.5
-"""Away from something that a turn would touch; on an arc where a drive straight does so, too."""
+"""Away from something that a turn would touch."""
+_ESCAPE_RATES_RAD_S = (0.0, 0.1, -0.1, 0.2, -0.2, 0.35, -0.35, _ESCAPE_RAD_S, -_ESCAPE_RAD_S)
+_TURN_SPARE_M = 0.01
+"""A turn on the spot is begun where so much is free around it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +43,7 @@ class SearchMotionParams:
     angular_accel_rad_s2: float = 1.8
     min_time_to_collision_s: float = 1.0
     control_period_s: float = 0.05
+    circumscribed_radius_m: float = WAFFLE.circumscribed_radius_m
 
 
 class SearchMotion:
@@ -53,6 +58,8 @@ class SearchMotion:
         self._leg_from = SE2(0.0, 0.0, 0.0)
         self._crumbs_m: list[tuple[float, float]] = []
         self._velocity = STOP
+        self._escape = 0.0
+        """1 on the way on, -1 on the way back from what it would touch; 0: on neither."""
 
     def step(
         self, odom_from_base: SE2, echoes_m: Array, time_to_collision: Callable[[Velocity], float]
@@ -69,30 +76,40 @@ class SearchMotion:
         if wanted is None:
             wanted = self._drive_on(odom_from_base, echoes_m)
         velocity = self._limited(wanted)
-        if time_to_collision(velocity) <= self._params.min_time_to_collision_s:
+        is_narrow = wanted.linear_m_s == 0.0 and not self._can_turn(echoes_m)
+        if is_narrow or time_to_collision(velocity) <= self._params.min_time_to_collision_s:
             # What is wanted is not possible: another direction, and a turn to it, if that is free.
             self._left_rad, self._heading_rad = 0.0, None
-            on_m_s = _ESCAPE_M_S if self._velocity.linear_m_s > 0.0 else -_ESCAPE_M_S
-            turn_rad_s = wanted.angular_rad_s or _ESCAPE_RAD_S
-            velocity = STOP
-            for escape in (
-                Velocity(0.0, turn_rad_s),
-                Velocity(on_m_s, 0.0),
-                Velocity(-on_m_s, 0.0),
-                Velocity(0.0, -turn_rad_s),
-                *(
-                    Velocity(ahead * on_m_s, math.copysign(_ESCAPE_RAD_S, turn))
-                    for ahead in (1.0, -1.0)
-                    for turn in (turn_rad_s, -turn_rad_s)
-                ),
-            ):
-                limited = self._limited(self._along(escape))
-                free_s = time_to_collision(limited) if limited != STOP else 0.0
-                if free_s > self._params.min_time_to_collision_s:
-                    velocity = limited
-                    break
+            velocity = self._away(wanted, time_to_collision)
+        else:
+            self._escape = 0.0
         self._velocity = velocity
         return velocity
+
+    def _away(self, wanted: Velocity, time_to_collision: Callable[[Velocity], float]) -> Velocity:
+        """A velocity away from what a motion would touch: on or back, along the arc that stays free
+        for longest, as a corridor is left that is too narrow for a turn; else a turn.
+        """
+        least_s = self._params.min_time_to_collision_s
+        if self._escape == 0.0:
+            self._escape = 1.0 if self._velocity.linear_m_s > 0.0 else -1.0
+        turn_rad_s = wanted.angular_rad_s or _ESCAPE_RAD_S
+        for ahead in (self._escape, -self._escape):
+            found, longest_s = STOP, least_s
+            for rate_rad_s in _ESCAPE_RATES_RAD_S:
+                arc = Velocity(ahead * _ESCAPE_M_S, rate_rad_s)
+                free_s = time_to_collision(arc)
+                limited = self._limited(self._along(arc))
+                if free_s > longest_s and limited != STOP and time_to_collision(limited) > least_s:
+                    found, longest_s = limited, free_s
+            if found != STOP:
+                self._escape = ahead
+                return found
+        for rate_rad_s in (-turn_rad_s, turn_rad_s):
+            limited = self._limited(self._along(Velocity(0.0, rate_rad_s)))
+            if limited != STOP and time_to_collision(limited) > least_s:
+                return limited
+        return STOP
 
     def _remember(self, odom_from_base: SE2) -> None:
         here = (odom_from_base.x_m, odom_from_base.y_m)
@@ -143,6 +160,11 @@ class SearchMotion:
             if score > best:
                 best_rad, best = heading_rad, score
         return wrap_angle(best_rad)
+
+    def _can_turn(self, echoes_m: Array) -> bool:
+        """Whether nothing is within reach of a turn on the spot."""
+        least_m = self._params.circumscribed_radius_m + _TURN_SPARE_M
+        return not (echoes_m * echoes_m).sum(axis=1).min(initial=math.inf) < least_m * least_m
 
     def _along(self, wanted: Velocity) -> Velocity:
         """As fast as the accelerations permit on the same arc."""
