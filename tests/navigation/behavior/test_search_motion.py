@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from mazebot.common.maths.frames import SE2
+from mazebot.common.maths.frames import SE2, Array
 from mazebot.navigation.behavior.motions.search_motion import SearchMotion, SearchMotionParams
 from mazebot.navigation.control.collision import Velocity
 
@@ -55,7 +55,7 @@ CORRIDOR = np.array(
 """0.55 m wide, shut ahead."""
 
 
-def seen_from(pose: SE2) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+def seen_from(pose: SE2) -> Array:
     c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
     return np.ascontiguousarray((CORRIDOR - pose[:2]) @ np.array([[c, -s], [s, c]]))
 

@@ -13,6 +13,7 @@ import numpy as np
 from mazebot.common.maths import portable
 from mazebot.common.maths.frames import SE2, Array, wrap_angle
 from mazebot.mapping.graph.pose_graph import Graph
+from mazebot.mapping.loops.loop_closing import LOOSE
 from mazebot.mapping.loops.loop_search import LoopMatch, loop_search, search_map
 from mazebot.mapping.matching.local_map import compacted, local_map
 from mazebot.mapping.matching.occupancy import MapGrid, share_behind_walls
@@ -64,8 +65,6 @@ _THROUGH = 0.01
 """So small a share of what the robot sees may come from behind walls there: 0.004 at the right
 place.
 """
-_LOOSE = np.diag([4.0, 4.0, 10.0])
-"""Information of the start of the refinement: what is found is to be measured, not assumed."""
 
 
 class CarriedOff:
@@ -153,8 +152,7 @@ class CarriedOff:
             [surface_cloud(seen.returns_m, seen.base_from_scan) for seen in self._track],
             odom_from_base,
         )
-        poses = [graph.pose(node) for node in range(len(clouds))]
-        known = _Known(graph, poses, clouds, self._params, scatter)
+        known = _Known(graph, clouds, self._params, scatter)
         before, self._found = self._found, None
         if before is not None:
             expected = before @ odom_from_base
@@ -162,7 +160,7 @@ class CarriedOff:
             if pose is not None and _agree(pose, expected) and self._is_free(pose, grid()):
                 self._forget()
                 return pose
-        found = _searched(poses, clouds, cloud)
+        found = known.searched(cloud)
         apart = 0.0 if found is None else found.score - found.elsewhere
         if found is not None and apart >= _LEAST_APART:
             pose = known.fitted(cloud, found.pose, _FIT if apart >= _APART else _ALL_FIT)
@@ -194,10 +192,33 @@ class _Known(NamedTuple):
     """The map that was made until the robot was carried off."""
 
     graph: Graph
-    poses: Sequence[SE2]
     clouds: Sequence[Array]
     params: SlamParams
     scatter: float
+
+    def searched(self, seen: Array) -> LoopMatch | None:
+        """Where on the whole map a cloud fits best, in whatever direction the robot looks."""
+        walls = np.concatenate(
+            [moved_cloud(cloud, self.graph.pose(node)) for node, cloud in enumerate(self.clouds)]
+        )
+        if not len(walls) or not len(seen):
+            return None
+        walls_m = np.ascontiguousarray(compacted(walls, _RESOLUTION_M / 2.0)[:, :2])
+        table = search_map(walls_m, _RESOLUTION_M, _RESOLUTION_M)
+        low, high = walls_m.min(axis=0), walls_m.max(axis=0)
+        x_m, y_m = ((low + high) / 2.0).tolist()
+        points_m = thinned(seen[:, :2], _RESOLUTION_M, 200)
+        window_m = float((high - low).max()) / 2.0
+        found = None
+        for _ in range(2):
+            # Where the search begins and ends is one direction: away from what is found.
+            yaw_rad = 0.0 if found is None else found.pose.yaw_rad
+            found = loop_search(
+                table, points_m, SE2(x_m, y_m, yaw_rad), window_m, math.pi, _LEAST_SCORE
+            )
+            if found is None:
+                return None
+        return found
 
     def fitted(self, cloud: Array, start: SE2, least_fit: float = _FIT) -> SE2 | None:
         """Where at least this share of a cloud fits the map around a pose; None: it does not."""
@@ -206,12 +227,12 @@ class _Known(NamedTuple):
         away_m = portable.hypot_each(places[:, 0] - start.x_m, places[:, 1] - start.y_m)
         near = np.sort(np.argsort(away_m, kind="stable")[: p.scan_buffer_size]).tolist()
         around = local_map(
-            [self.poses[node] for node in near],
+            [self.graph.pose(node) for node in near],
             [self.clouds[node] for node in near],
             p.correlation_search_space_resolution,
         )
         fitted = refine(
-            around, start, _LOOSE, cloud[:, :2], SE2(0.0, 0.0, 0.0),
+            around, start, LOOSE, cloud[:, :2], SE2(0.0, 0.0, 0.0),
             p.scan_match_std_m * math.sqrt(self.scatter), views=cloud[:, 2:4],
         )  # fmt: skip
         return None if fitted.fit < least_fit or fitted.open_direction else fitted.map_from_base
@@ -220,28 +241,3 @@ class _Known(NamedTuple):
 def _agree(pose: SE2, other: SE2) -> bool:
     turned_rad = abs(wrap_angle(pose.yaw_rad - other.yaw_rad))
     return pose.distance_m(other) <= _AGREE_M and turned_rad <= _AGREE_RAD
-
-
-def _searched(poses: Sequence[SE2], clouds: Sequence[Array], seen: Array) -> LoopMatch | None:
-    """Where on the whole map a cloud fits best, in whatever direction the robot looks."""
-    walls = np.concatenate(
-        [moved_cloud(cloud, pose) for cloud, pose in zip(clouds, poses, strict=True)]
-    )
-    if not len(walls) or not len(seen):
-        return None
-    walls_m = np.ascontiguousarray(compacted(walls, _RESOLUTION_M / 2.0)[:, :2])
-    table = search_map(walls_m, _RESOLUTION_M, _RESOLUTION_M)
-    low, high = walls_m.min(axis=0), walls_m.max(axis=0)
-    x_m, y_m = ((low + high) / 2.0).tolist()
-    points_m = thinned(seen[:, :2], _RESOLUTION_M, 200)
-    window_m = float((high - low).max()) / 2.0
-    found = None
-    for _ in range(2):
-        # Where the search begins and ends is one direction: away from what is found.
-        yaw_rad = 0.0 if found is None else found.pose.yaw_rad
-        found = loop_search(
-            table, points_m, SE2(x_m, y_m, yaw_rad), window_m, math.pi, _LEAST_SCORE
-        )
-        if found is None:
-            return None
-    return found

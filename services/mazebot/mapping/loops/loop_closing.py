@@ -27,8 +27,8 @@ _CORRIDOR_FIT = 0.85
 """Along a corridor, where a search finds many poses, the estimate may still be corrected across."""
 _NEWEST = 6
 """Keyframes at most of the newer part of a loop."""
-_LOOSE = np.diag([4.0, 4.0, 10.0])
-"""Information of the start of the refinement: the loop is to be measured, not assumed."""
+LOOSE = np.diag([4.0, 4.0, 10.0])
+"""Information of the start of a refinement: the place is to be measured, not assumed."""
 _STD_M, _STD_RAD = 5e-3, 3e-3
 """Of both parts in themselves."""
 
@@ -94,7 +94,7 @@ def find_loop(
 
     def fitted_from(start: SE2) -> Refined:
         return refine(
-            known, start, _LOOSE, cloud[:, :2], seen[node].sensor, std_m, views=cloud[:, 2:4]
+            known, start, LOOSE, cloud[:, :2], seen[node].sensor, std_m, views=cloud[:, 2:4]
         )
 
     fitted = fitted_from(start)
@@ -108,7 +108,7 @@ def find_loop(
     near_pose = graph.pose(near)
     c, s = portable.cos_sin(near_pose.yaw_rad)
     turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    of_map = information_of(fitted.information + _LOOSE)
+    of_map = information_of(fitted.information + LOOSE)
     measured = portable.product(turn, of_map, turn.T)
     measured += scatter * np.diag([_STD_M * _STD_M, _STD_M * _STD_M, _STD_RAD * _STD_RAD])
     return Candidate(near, node, near_pose.inverse() @ fitted.map_from_base, measured)
