@@ -1,3 +1,5 @@
+"""Mapping on simulated drives: the pose, the map and its loops, and a robot that is carried off."""
+
 import dataclasses
 import math
 

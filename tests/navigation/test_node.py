@@ -1,3 +1,5 @@
+"""The navigation node: goals, maps, poses and sensors that come and go, over its topics."""
+
 from __future__ import annotations
 
 import itertools

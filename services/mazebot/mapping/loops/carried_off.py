@@ -1,6 +1,4 @@
-"""A robot that is carried off while it makes a map: its scans tell so at once, and where it is on
-the map once it has moved there.
-"""
+"""Notices that the robot was carried off while it makes a map, and finds it on the map again."""
 
 from __future__ import annotations
 
