@@ -224,3 +224,25 @@ def test_a_choice_is_quick() -> None:
         assert aim(CONFIG, seen, robot, None) is not None
         taken_s.append(time.process_time() - begun_s)
     assert min(taken_s) < 0.06
+
+
+def test_a_robot_that_is_lost_keeps_its_goal_so_that_navigation_searches() -> None:
+    stage = Stage(TWO_ROOMS, HOME, CONFIG)
+    stage.run(10, "exploring")
+    for _ in range(100):
+        stage.step()
+        if stage.goal is None and stage.goals:
+            break
+    assert stage.goal is None
+    stage.localized, stage.stuck = False, True
+    sent = len(stage.goals)
+    for _ in range(300):
+        stage.step()
+    assert stage.goal is not None
+    assert len(stage.goals) == sent + 1
+    assert stage.status.state == "exploring"
+    assert stage.status.set_aside == 0
+    assert stage.status.reason == "the robot's pose is not known: it is searched for"
+    stage.localized, stage.stuck = True, False
+    stage.run(120, "complete", "failed")
+    assert (stage.status.state, stage.status.set_aside) == ("complete", 0)

@@ -58,6 +58,7 @@ class Stage:
         self.refuses: Any = None
         """Called with each goal; an error code of a refused one, else 0."""
         self.stuck = False
+        self.localized = True
         self._sequence = 0
         start = doc.Planar(x_m=home.x_m, y_m=home.y_m, yaw_rad=home.yaw_rad)
         self.world = world.model_copy(update={"start": start})
@@ -112,7 +113,8 @@ class Stage:
             if self.goal is not None:
                 x_m, y_m, yaw_rad = self.goal[1]
                 goal = doc.Planar(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad)
-            self.say(table.NAVIGATION_STATUS, ACTIVE.model_copy(update={"goal": goal}))
+            changed = {"goal": goal, "navigation_active": self.localized}
+            self.say(table.NAVIGATION_STATUS, ACTIVE.model_copy(update=changed))
         pose = msg.PoseWithCovariance(pose=msg.pose_from_se2(self.robot), covariance=np.zeros(36))
         header = msg.header(self.now_ns, "map")
         self.say(table.AMCL_POSE, msg.PoseWithCovarianceStamped(header=header, pose=pose))

@@ -130,3 +130,31 @@ def test_counts_go_on() -> None:
     closer.close(world.right(world.pairs[0]))
     closer.close(world.wrong(world.pairs[1], SE2(5.0, 0.0, 0.0)))
     assert (closer.closed, closer.rejected) == (5, 3)
+
+
+def test_loops_that_were_far_from_where_the_graph_had_them_show_that_it_is_too_sure() -> None:
+    """Each lap errs by more than the covariances of its steps say."""
+
+    def at(i: int) -> SE2:
+        angle_rad = 2.0 * math.pi * i / 20
+        return SE2(3.0 * math.cos(angle_rad), 3.0 * math.sin(angle_rad), angle_rad + math.pi / 2)
+
+    def verdicts(laps: int) -> list[bool]:
+        graph = Graph()
+        graph.add_node(at(0))
+        closer = LoopCloser(graph)
+        accepted = []
+        for i in range(1, 20 * laps + 1):
+            # The last lap errs by somewhat more.
+            stretch = 1.0 + (0.02 if i > 20 * (laps - 1) else 0.015)
+            step = at(i - 1).inverse() @ at(i)
+            step = SE2(step.x_m, step.y_m, step.yaw_rad * stretch)
+            graph.add_node(graph.pose(i - 1) @ step)
+            graph.add_edge(ODOMETRY, i - 1, i, step, np.diag([1e-4, 1e-4, 5e-5]))
+            if i % 20 == 0:
+                loop = Candidate(i - 20, i, SE2(0.0, 0.0, 0.0), np.diag([1e-4, 1e-4, 2e-5]))
+                accepted.append(closer.close(loop).accepted)
+        return accepted
+
+    assert verdicts(1) == [False]
+    assert verdicts(4) == [True] * 4

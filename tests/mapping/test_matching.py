@@ -183,3 +183,19 @@ def test_compacting_keeps_what_the_returns_say() -> None:
     assert fewer[:, 5].sum() == len(many)
     mean = (fewer[:, :2] * fewer[:, 5:]).sum(axis=0) / len(many)
     assert mean == pytest.approx(many[:, :2].mean(axis=0), abs=1e-9)
+
+
+def test_what_is_new_before_the_walls_does_not_pull_a_scan_from_a_place_that_is_sure() -> None:
+    true = SE2(1.2, 1.7, 0.5)
+    seen = returns(ROOM, true, 9)
+    direction_rad = true.yaw_rad + np.arctan2(seen[:, 1], seen[:, 0])
+    away_m = np.hypot(seen[:, 0], seen[:, 1])
+    nearer_m = np.where(np.cos(direction_rad) < -0.3, 0.2, 0.0)
+    seen *= (1.0 - nearer_m / away_m)[:, None]
+
+    def off_m(pull_m: float) -> float:
+        found = refine(room(), true, LOOSE, seen, LDS.base_from_scan, 0.02, pull_m=pull_m)
+        return found.map_from_base.distance_m(true)
+
+    assert off_m(0.2) > 0.15
+    assert off_m(0.1) < 0.01

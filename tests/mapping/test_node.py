@@ -332,3 +332,19 @@ def test_bad_measurements_are_counted_and_the_map_goes_on() -> None:
     assert bench.rejected(SCAN) == {"stamp in the future": 1}
     assert bench.rejected(DETECTIONS) == {"unknown marker": 1}
     assert bench.error_m() < 0.03
+
+
+def test_where_only_time_begins_anew_the_new_map_is_made_from_where_the_robot_is() -> None:
+    bench = Bench()
+    bench.slip = 1.3
+    bench.learn()
+    bench.drive(3.0, 0.15)
+    drifted_m = (START @ bench.odom_from_base).distance_m(bench.map_from_base)
+    assert drifted_m > 0.08
+    bench.now_ns, bench.epoch = 0, 1
+    bench.tell_stats()
+    bench.said.clear()
+    bench.drive(1.0, 0.0)
+    assert bench.of(POSE_GRAPH)[-1].epoch == 1
+    assert len(bench.of(POSE_GRAPH)[-1].nodes) == 1
+    assert bench.error_m() < 0.02

@@ -1,10 +1,11 @@
 import math
 
 import numpy as np
+import pytest
 
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages.scan import Scan
-from mazebot.mapping.matching.occupancy import MapGrid, Occupancy
+from mazebot.mapping.matching.occupancy import MapGrid, Occupancy, share_in_free
 from mazebot.mapping.matching.scan_points import ScanPoints, scan_points
 from tests.mapping.simulated import LDS, box, scan, wall
 
@@ -103,3 +104,12 @@ def test_a_pose_out_of_the_world_is_left_out() -> None:
     for far in (SE2(1e9, 0.0, 0.0), SE2(math.nan, 0.0, 0.0)):
         occupancy.add(far, points([(1.0, 0.0)], []))
     assert occupancy.grid().cells.tobytes() == before
+
+
+def test_returns_lie_where_the_map_is_free_on_its_walls_or_beyond_its_edge() -> None:
+    occupancy = Occupancy(0.05)
+    occupancy.add(SE2(0.0, 0.0, 0.0), points([(2.01, 0.02 * i) for i in range(-20, 21)], []))
+    ends_m = np.array([[1.0, 0.1], [1.5, -0.1], [2.01, 0.02], [-1.0, 0.0], [50.0, 0.0]])
+    assert share_in_free(occupancy.grid(), ORIGIN, ends_m) == pytest.approx(0.4)
+    assert share_in_free(occupancy.grid(), SE2(0.0, 0.0, math.pi), ends_m) == pytest.approx(0.2)
+    assert share_in_free(occupancy.grid(), ORIGIN, ends_m[:0]) == 0.0

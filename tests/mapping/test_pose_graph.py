@@ -161,3 +161,14 @@ def test_poses_come_back_as_given() -> None:
     pose = SE2(0.1, 0.2, wrap_angle(7.0))
     assert graph.pose(graph.add_node(pose)) == pose
     assert graph.landmark(graph.add_landmark(pose)) == pose
+
+
+def test_what_a_way_without_scans_leads_to_is_not_trusted() -> None:
+    graph = corridor_and_back(20)
+    end = graph.pose(19)
+    graph.add_node(end @ SE2(8.0, 0.0, 0.0))
+    relative = end.inverse() @ graph.pose(20)
+    graph.add_edge(ODOMETRY, 19, 20, relative, np.diag([0.64, 0.64, 0.01]))
+    assert graph.path_lengths_m(20)[19] > 14.0
+    trusted, _ = graph.trusted_and_candidates(20, 9.0)
+    assert trusted.tolist() == [20]

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from mazebot.common.maths.frames import SE2, Array
 from mazebot.common.messages.documents import Planar
 from mazebot.common.messages.scan import Scan
+from mazebot.mapping.loops.carried_off import CarriedOff
 from mazebot.mapping.params import SlamParams
 from mazebot.mapping.slam import CARRIED_OFF, NO_ODOMETRY, NOT_LATER, Slam
 from tests.mapping.simulated import (
@@ -509,3 +510,46 @@ def test_a_large_office_with_a_long_lidar_closes_its_loops() -> None:
     nodes = slam.document(0).nodes
     off = [node.pose.se2().distance_m(true[node.stamp_ns]) for node in nodes]
     assert np.percentile(off, 95) < 0.1
+
+
+@pytest.mark.parametrize(("range_m", "apart"), [(4.0, 36), (5.0, 48)])
+def test_a_lidar_that_sees_little_farther_than_its_scans_are_apart_shows_no_jumps(
+    range_m: float, apart: int
+) -> None:
+    # Each third minute a scan each 0.4 m, and otherwise each 2.1 or 2.9 m.
+    near = dataclasses.replace(SICK, range_max_m=range_m)
+    steps = log(office(), office_way(), near, slip=0.02, noise_m_per_sqrt_m=0.01, seed=2)
+    kept = [
+        step for i, step in enumerate(steps[::6]) if i % (apart // 6) == 0 or (i // 60) % 3 == 0
+    ]
+    kept = [dataclasses.replace(step, stamp_ns=(i + 1) * 10**9) for i, step in enumerate(kept)]
+    assert drifted(kept, kept[0].true) > 14.0
+    slam = slam_of(kept, lidar=near)
+    assert slam.jumps == []
+    assert CARRIED_OFF not in slam.left_out
+    true = {step.stamp_ns: step.true for step in kept}
+    off = [node.pose.se2().distance_m(true[node.stamp_ns]) for node in slam.document(0).nodes]
+    assert np.mean(off) < 1.5
+
+
+def judged(fit: float, before: float | None, behind: float, free: float) -> CarriedOff:
+    carried = CarriedOff(PARAMS)
+    carried.judge(fit, before, lambda: behind, lambda: free)
+    return carried
+
+
+def test_only_what_contradicts_the_map_tells_that_a_robot_was_carried_off() -> None:
+    assert judged(0.1, 0.8, 0.3, 0.6).is_possible
+    assert judged(0.1, 0.8, 0.0, 0.6).is_possible
+    assert judged(0.4, 0.8, 0.1, 0.0).is_possible
+    # At the edge of the map, or after a long step, nothing fits that it saw before.
+    assert not judged(0.0, 0.8, 0.0, 0.1).is_possible
+    assert not judged(0.0, None, 0.3, 0.6).is_possible
+
+
+def test_long_steps_do_not_confirm_that_a_robot_was_carried_off() -> None:
+    for before, lost in ((0.1, True), (None, False)):
+        carried = judged(0.1, 0.8, 0.3, 0.6)
+        for _ in range(3):
+            carried.judge(0.1, before, lambda: 0.3, lambda: 0.6)
+        assert carried.is_certain == lost

@@ -778,6 +778,21 @@ def test_marks_are_forgotten_when_a_pose_is_found_again() -> None:
         assert bool(marks(drive)) == left, state
 
 
+def test_a_goal_of_a_lost_robot_is_taken_if_moving_finds_its_pose() -> None:
+    for wants_motion in (True, False):
+        driver = ready()
+        said = driver.of(LOCALIZATION_STATUS)[-1]
+        lost = said.model_copy(update={"state": "lost", "wants_motion": wants_motion})
+        driver.deliver(LOCALIZATION_STATUS, lost)
+        driver.goal(LOCATIONS["location1"])
+        driver.node.step(driver.now_ns, driver.inbox, driver.outbox)
+        codes = [result.error_code for result in driver.results()]
+        assert codes == ([] if wants_motion else [ErrorCode.GOAL_REJECTED])
+        drive = driver.node._drive
+        assert drive is not None
+        assert (drive.navigator.request is not None) == wants_motion
+
+
 def marks(drive: Drive) -> int:
     """Cells of the global costmap that are occupied though the map has nothing there."""
     costmap = drive.robot.costmap

@@ -65,6 +65,8 @@ class Explorer:
         self._params, self._home = params, home
         self.state: State = "waiting"
         self.reason = ""
+        self.is_localized = True
+        """Whether the robot knows where it is, as navigation has it."""
         self.driven_m = 0.0
         self.goals = 0
         self.seen: Survey | None = None
@@ -188,6 +190,8 @@ class Explorer:
             if now_ns - self._busy_ns < _RESEND_NS:
                 return None
             self._yields, self._sent = False, None
+        if not self.is_localized:
+            return self._search(now_ns)
         if self._due(now_ns):
             self._look(now_ns)
         if self.state == "returning":
@@ -321,6 +325,12 @@ class Explorer:
         self._aside.add(self.seen.floor, target.target_m)
         self._sent = self._reached_ns = self._looked_ns = None
         self._progress_ns = now_ns
+
+    def _search(self, now_ns: int) -> SE2 | None:
+        """The goal as it is: while navigation has one, it searches for a robot that is lost."""
+        self._progress_ns = now_ns
+        self._reached_ns = self._nothing_ns = None
+        return self._send(now_ns, self._home if self.aim is None else self.aim.pose, self.aim)
 
     def _stand(self, now_ns: int) -> SE2 | None:
         """Once, the robot's own place as a goal: it stops there."""

@@ -34,6 +34,7 @@ from mazebot.explorer.messages import frontiers_message
 _LOG = logging.getLogger("explorer")
 
 _STATUS_PERIOD_NS = 1_000_000_000
+_LOST = "the robot's pose is not known: it is searched for"
 
 
 class ExplorerNode(Node):
@@ -105,7 +106,7 @@ class ExplorerNode(Node):
             return
         for ended in inbox.new(NAVIGATION_RESULT):
             explorer.ended(now_ns, ended.goal_stamp_ns, ended.error_code, ended.error_msg)
-        if self.waiting_for() is None:
+        if self.waiting_for() is None or explorer.state != "waiting":
             goal = explorer.step(now_ns)
             if goal is not None:
                 self._send(now_ns, outbox, goal)
@@ -127,8 +128,10 @@ class ExplorerNode(Node):
             self._reset()
         for status in inbox.new(NAVIGATION_STATUS):
             self._navigation = status
-            if self._explorer is not None and status.is_busy:
-                self._explorer.navigation_is_busy(now_ns)
+            if self._explorer is not None:
+                self._explorer.is_localized = status.navigation_active
+                if status.is_busy:
+                    self._explorer.navigation_is_busy(now_ns)
         self._take_map(now_ns, inbox)
         for pose in inbox.new(AMCL_POSE):
             stamp_ns = msg.ns_from_time(pose.header.stamp)
@@ -180,6 +183,8 @@ class ExplorerNode(Node):
         reason = explorer.reason
         if explorer.state == "waiting" and missing is not None:
             reason = f"waiting for {missing}"
+        elif explorer.state in ("exploring", "returning") and not explorer.is_localized:
+            reason = _LOST
         status = (explorer.state, reason, self._watch.epoch)
         due = self._beat.due(now_ns)
         if not due and status == self._published:

@@ -15,6 +15,7 @@ from mazebot.common.maths.frames import (
     SE2,
     Array,
     se2_from_matrix,
+    wrap_angle,
 )
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.documents import LocalizationStatus, World
@@ -59,6 +60,8 @@ _LATE_NS = 2_000_000_000
 """A process that receives its first odometry later than this may have been restarted."""
 _RETURN_NS = 3_000_000_000
 """It waits this long for the pose graph of its previous process."""
+_NEAR_M, _NEAR_RAD = 0.1, 0.2
+"""So near to what it was, odometry goes on."""
 
 
 _CARRIED_OFF = (
@@ -90,6 +93,8 @@ class MappingNode(Node):
         """The pose graph of this service's previous process."""
         self._received_ns: int | None = None
         """When the first odometry was received."""
+        self._left: tuple[SE2, SE2] | None = None
+        """Odometry at the end of the run before, and the map from it."""
         self._slam: Slam | None = None
         self._odom: tuple[int, SE2] | None = None
         self._scanned = False
@@ -150,8 +155,11 @@ class MappingNode(Node):
         """Process sensor messages; publish the pose, the map and its graph."""
         if self._watch.restarted(now_ns, inbox.new(SIMULATION_STATS)):
             _LOG.info("simulation restarted; resetting the map")
+            left = None
+            if self._slam is not None and self._odom is not None:
+                left = self._odom[1], self._slip.with_odom(self._slam.map_from_odom())
             self._reset()
-            self._returned = None
+            self._returned, self._left = None, left
         for graph in inbox.new(POSE_GRAPH):
             self._returned = graph
         self._learn_world(inbox)
@@ -167,6 +175,7 @@ class MappingNode(Node):
             self._world = world
             self.world_hash = world.hash
             self._reset()
+            self._left = None
         if self._static_frames.receive(inbox, TF_STATIC):
             sensors = (SCAN_FRAME, CAMERA_OPTICAL_FRAME)
             self._base_from = self._static_frames.chains(BASE_FOOTPRINT_FRAME, sensors)
@@ -222,7 +231,9 @@ class MappingNode(Node):
         elif self._received_ns > _LATE_NS and now_ns - self._received_ns < _RETURN_NS:
             return None
         map_from_odom = world.start.se2()
-        if self._config.map_start_pose is not None:
+        if self._left is not None and _has_only_time_begun_anew(self._left[0], odom_from_base):
+            map_from_odom = self._left[1]
+        elif self._config.map_start_pose is not None:
             map_from_odom = SE2(*self._config.map_start_pose) @ odom_from_base.inverse()
         if self._saved is None:
             return Slam(self._config, map_from_odom)
@@ -328,3 +339,14 @@ class MappingNode(Node):
             "map_from_odom": planar(self._slip.with_odom(slam.map_from_odom())),
         }
         outbox.put(POSE_GRAPH, graph.model_copy(update=more))
+
+
+def _has_only_time_begun_anew(before: SE2, odom_from_base: SE2) -> bool:
+    """Whether odometry goes on from where it was, and not from zero: the robot is where it was."""
+    begin = SE2(0.0, 0.0, 0.0)
+    return _are_near(before, odom_from_base) and not _are_near(begin, odom_from_base)
+
+
+def _are_near(one: SE2, other: SE2) -> bool:
+    turned_rad = abs(wrap_angle(one.yaw_rad - other.yaw_rad))
+    return one.distance_m(other) <= _NEAR_M and turned_rad <= _NEAR_RAD

@@ -92,7 +92,7 @@ class SlamParams(Params):
         4.0, gt=0, description="m; keyframes this near by estimate may close a loop"
     )
     loop_search_space_dimension: float = Field(
-        4.0, gt=0, description="m; side of the window that is searched for a loop"
+        8.0, gt=0, description="m; side of the window that is searched for a loop"
     )
     loop_search_space_resolution: float = Field(
         0.05, gt=0, description="m; side of the cells of that search"

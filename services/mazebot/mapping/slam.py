@@ -30,7 +30,12 @@ from mazebot.mapping.loops.loop_closer import LoopCloser
 from mazebot.mapping.loops.loop_closing import find_loop
 from mazebot.mapping.matching.correlative import correlate
 from mazebot.mapping.matching.local_map import LocalMap, compacted, local_map
-from mazebot.mapping.matching.occupancy import MapGrid, Occupancy, share_behind_walls
+from mazebot.mapping.matching.occupancy import (
+    MapGrid,
+    Occupancy,
+    share_behind_walls,
+    share_in_free,
+)
 from mazebot.mapping.matching.odometry_quality import OdometryQuality
 from mazebot.mapping.matching.refine import Refined, refine
 from mazebot.mapping.matching.scan_points import (
@@ -54,7 +59,11 @@ _FASTER = 2.0
 """A speed is unusual at so much more than usual: logs are sparse, and their clocks wrong."""
 _JUMPED_FIT, _JUMPED_FIT_USUAL = 0.2, 0.5
 """The robot stayed about where it was if the scan fits there by so much better; the second where
-its speed was not unusual: scans may be missing, and corridors look alike.
+its speed was not unusual, since scans may be missing, and where a corridor leaves its place open.
+"""
+_STAYED_FIT, _JUMPED_LEAST = 0.7, 3.0
+"""And if so much fits there, and is by so much more likely, as a logarithm: what has just been seen
+is seen again, but a few returns fit somewhere.
 """
 _STILL_M = 0.01
 _JUMP_STD_M, _JUMP_STD_RAD = 0.3, 0.3
@@ -101,6 +110,8 @@ _ALIKE = 10.0
 """Returns that fit or do not fit together, as neighbours do."""
 _TURNS = (-2.0, -1.0, 1.0, 2.0)
 """Standard deviations of the heading from which a doubtful match is tried again."""
+_SURE_PULL_M = 0.1
+"""Of the refinement of a pose that was searched for: within two of the cells searched."""
 _LARGE_MOVE_M, _LARGE_TURN_RAD = 0.3, 0.35
 """Since the last scan: beyond it odometry is no start for the refinement."""
 _HALF_TRACK_M = 0.15
@@ -341,7 +352,8 @@ class Slam:
         fit = self._match(returns, seen.sensor, motion)
         self._scanned = (stamp_ns, odom_from_base)
         if fit is not None:
-            self._judge(fit, motion, returns, seen.sensor)
+            has_jumped = bool(self.jumps) and self.jumps[-1].to_ns == stamp_ns
+            self._judge(fit, motion, has_jumped, returns, seen.sensor)
             if self._carried.is_possible:
                 self._usual_fit = usual_fit
         if self.fixed or self._carried.is_possible:
@@ -361,11 +373,21 @@ class Slam:
             return False
         return True
 
-    def _judge(self, fit: float, moved: SE2 | None, returns: Array, sensor: SE2) -> None:
-        """Whether the robot was carried off, by how well its scan fits after a motion."""
-        before = math.inf if moved is None else None if _is_large(moved) else self.quality
+    def _judge(
+        self, fit: float, moved: SE2 | None, has_jumped: bool, returns: Array, sensor: SE2
+    ) -> None:
+        """Whether the robot was carried off, by how well its scan fits after a motion, and whether
+        that is what the robot did.
+        """
+        if moved is None:
+            before: float | None = math.inf
+        else:
+            before = None if has_jumped or _is_large(moved) else self.quality
         self._carried.judge(
-            fit, before, lambda: share_behind_walls(self.grid(), self._pose, returns, sensor)
+            fit,
+            before,
+            lambda: share_behind_walls(self.grid(), self._pose, returns, sensor),
+            lambda: share_in_free(self.grid(), self._pose, returns),
         )
         self.quality = fit
 
@@ -505,30 +527,36 @@ class Slam:
         usual_m = self._usual_speed_m_s * elapsed_s
         usual = far_m <= _FASTER * usual_m
         there = self._pose @ moved
-        if usual and self._fit_around(there, 0.0, returns, sensor) >= self._usual_fit - _ODD:
+        if usual and self._fitted(there, 0.0, returns, sensor).fit >= self._usual_fit - _ODD:
             return False
         reach_m = _WINDOW * p.odometry_translation_ratio * far_m
-        went = self._fit_around(there, reach_m, returns, sensor)
+        went = self._fitted(there, reach_m, returns, sensor)
         turned = self._pose @ SE2(0.0, 0.0, moved.yaw_rad)
         stayed = max(
-            self._fit_around(pose, _WINDOW * usual_m, returns, sensor)
-            for pose in (self._pose, turned)
+            (
+                self._fitted(pose, _WINDOW * usual_m, returns, sensor)
+                for pose in (self._pose, turned)
+            ),
+            key=lambda fitted: fitted.fit,
         )
-        if usual and stayed < self._usual_fit - _DOUBTFUL:
-            # Neither fits: nothing speaks against odometry.
+        # Where the robot stayed, most fits; where little does, nothing speaks against odometry.
+        if stayed.fit < (self._usual_fit - _DOUBTFUL if usual else _STAYED_FIT):
             return False
-        return stayed > went + (_JUMPED_FIT_USUAL if usual else _JUMPED_FIT)
+        better = stayed.fit - went.fit
+        if better * _independent(returns) < _JUMPED_LEAST:
+            return False
+        # Along a corridor, all places fit, up to where it was not seen yet.
+        unsure = usual or stayed.open_direction or went.open_direction
+        return better > (_JUMPED_FIT_USUAL if unsure else _JUMPED_FIT)
 
-    def _fit_around(self, pose: SE2, window_m: float, returns: Array, sensor: SE2) -> float:
-        """The share of returns that fit where they fit best around a pose; without a window, found
-        from there alone.
-        """
+    def _fitted(self, pose: SE2, window_m: float, returns: Array, sensor: SE2) -> Refined:
+        """Where the returns fit best around a pose; without a window, found from there alone."""
         local = self._local_map()
         loose = np.diag([1.0 / (std * std) for std in (_JUMP_STD_M, _JUMP_STD_M, _JUMP_STD_RAD)])
         if window_m > 0.0:
             pose = self._correlated(local, pose, loose, returns, window_m, _MOST_WINDOW_RAD)
         std_m = self._params.scan_match_std_m
-        return refine(local, pose, loose, returns, sensor, std_m).fit
+        return refine(local, pose, loose, returns, sensor, std_m)
 
     def _correlated(
         self,
@@ -598,6 +626,16 @@ class Slam:
                 better = other.fit - found.fit
             if better > (_BETTER_FIT if doubtful else 0.0):
                 found, prior = other, doubted
+        if far and _LOST_FIT <= found.fit < expected and self._unlearnt_rad2 > 0.0:
+            # Where all fits within what the parameters allow, that is where the robot is.
+            learnt = self._covariance
+            self._covariance = learnt.spread(self._unlearnt_rad2, 0.0, 0.0, 1.0)
+            loose = information_of(self._covariance.matrix())
+            other = self._searched(local, loose, loose, returns, sensor, std_m, found)
+            if other.fit >= expected:
+                found, prior = other, loose * _DOUBTED
+            else:
+                self._covariance = learnt
         self._usual_fit += _USUAL_GAIN * (found.fit - self._usual_fit)
         discord = found.discord * self._scatter
         self._usual_discord += _USUAL_GAIN * (discord - self._usual_discord)
@@ -677,7 +715,10 @@ class Slam:
         coarse = self._correlated(
             local, self._pose, likely, returns, _WINDOW * deviation_m, _WINDOW * deviation_rad
         )
-        other = refine(local, self._pose, doubted, returns, sensor, std_m, coarse)
+        # What fits by chance would pull a scan, of which much is new, from its right place.
+        other = refine(
+            local, self._pose, doubted, returns, sensor, std_m, coarse, pull_m=_SURE_PULL_M
+        )
         return other if self._worth(other, likely, returns) > worth + _BETTER_FIT else best
 
     def _local_map(self) -> LocalMap:

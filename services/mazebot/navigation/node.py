@@ -144,6 +144,7 @@ _COSTMAP_UPDATES_PERIOD_NS = 200_000_000
 _LOCAL_COSTMAP_PERIOD_NS = 500_000_000
 _TREE_PERIOD_NS = 200_000_000
 _TRAJECTORIES_PERIOD_NS = 500_000_000
+_LOCALIZATION = "localization to converge"
 
 
 class NavigationNode(Node):
@@ -219,7 +220,7 @@ class NavigationNode(Node):
         if self._measured.map_from_odom is None:
             return "the transform from map to odom"
         if not self._localized():
-            return "localization to converge"
+            return _LOCALIZATION
         return None
 
     def facts(self) -> dict[str, str]:
@@ -522,6 +523,9 @@ class NavigationNode(Node):
 
     def _ready_drive(self) -> Drive:
         missing = self.waiting_for()
+        if missing == _LOCALIZATION and self._measured.wants_motion(self._watch.epoch):
+            # With a goal, a robot that is lost moves until its pose is found.
+            missing = None
         if missing is not None or self._drive is None:
             raise NavigationError(
                 ErrorCode.GOAL_REJECTED, f"navigation is not active: waiting for {missing}"

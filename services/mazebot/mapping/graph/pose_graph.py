@@ -29,6 +29,10 @@ KINDS = ("odometry", "scan_match", "loop", "marker")
 PLAIN, HUBER, CAUCHY = range(3)
 """Robust kernels of edges: none; linear beyond its width; logarithmic beyond it."""
 
+_SURE_M, _UNSURE = 0.3, 10.0
+"""An edge whose standard deviation is more than the first counts as longer by so many times what is
+beyond: where scans are missing, the robot does not see what it saw, and odometry has gone far.
+"""
 _FARTHER = 1.25
 """A lidar that sees less than so much farther than the least radius gains nothing by more of it."""
 
@@ -235,6 +239,8 @@ class Graph:
         ends = np.concatenate([edges.source[used], edges.target[used]])
         others = np.concatenate([edges.target[used], edges.source[used]])
         length_m = portable.hypot_each(edges.relative[used, 0], edges.relative[used, 1])
+        variance_m2 = edges.covariance[used, 0, 0] + edges.covariance[used, 1, 1]
+        length_m += _UNSURE * np.maximum(np.sqrt(variance_m2) - _SURE_M, 0.0)
         order = np.argsort(ends, kind="stable")
         first = np.zeros(self._nodes + 1, np.int64)
         np.cumsum(np.bincount(ends, minlength=self._nodes), out=first[1:])

@@ -31,8 +31,10 @@ by less than 0.05 from one scan to the next in each of the shipped worlds.
 """
 _BEHIND = 0.05
 """And so many of its returns come from behind walls: of a robot that things come around, none..."""
-_ALL_NEW = 0.15
-"""...or no more than this is left of what it saw: things around leave more to be seen."""
+_ALL_NEW, _IN_FREE = 0.15, 0.3
+"""...or no more than the first is left of what it saw, as things around leave more to be seen, and
+at least the second lies where the map is free: at its edge, what is new contradicts nothing.
+"""
 _NOWHERE = 0.3
 """Of the first scan in a map that was made before, it takes no more than that so little fits: there
 is nothing that would hold together what follows and the map.
@@ -90,7 +92,13 @@ class CarriedOff:
         """Whether it was: its pose is unknown until scans fit again."""
         return self._unfit_scans >= _UNFIT_SCANS
 
-    def judge(self, fit: float, before: float | None, share_behind: Callable[[], float]) -> None:
+    def judge(
+        self,
+        fit: float,
+        before: float | None,
+        share_behind: Callable[[], float],
+        share_in_free: Callable[[], float],
+    ) -> None:
         """Take the share of a scan's returns that fit into account.
 
         Args:
@@ -98,6 +106,7 @@ class CarriedOff:
             before: that of the scan before it, over a short step; inf: there was none, the map was
                 made before; None: there was none near.
             share_behind: the share of returns that come from behind walls of the map.
+            share_in_free: the share of returns where it is free.
         """
         if self.is_certain:
             is_back = fit >= _FIT and self._way_m < _BACK_WAY_M
@@ -105,9 +114,13 @@ class CarriedOff:
             if self._fit_scans >= _FIT_SCANS:
                 self._forget()
         elif self.is_possible:
-            self._unfit_scans = self._unfit_scans + 1 if fit <= _UNFIT else 0
+            is_unfit = before is not None and fit <= _UNFIT
+            self._unfit_scans = self._unfit_scans + 1 if is_unfit else 0
         elif before is not None and fit <= min(_UNFIT, before - _FALL):
-            nowhere = fit < (_NOWHERE if before == math.inf else _ALL_NEW)
+            if before == math.inf:
+                nowhere = fit < _NOWHERE
+            else:
+                nowhere = fit < _ALL_NEW and share_in_free() >= _IN_FREE
             self._unfit_scans = int(nowhere or share_behind() >= _BEHIND)
 
     def _forget(self) -> None:

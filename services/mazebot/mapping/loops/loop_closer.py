@@ -7,6 +7,7 @@ stand together against single accepted ones, and against poses that seem surer t
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Sequence
 
@@ -25,6 +26,8 @@ from mazebot.mapping.graph.pose_graph import LOOP, Graph
 _REMEMBERED = 12
 _VOTES = 3
 """So many rejected loops, of different nodes, outweigh one accepted one."""
+_MEAN_INNOVATION = 3.0
+"""Of a chi2 of three degrees of freedom."""
 _TOGETHER = 5.0
 """Factor of the limit for so many that agree."""
 _ALIKE_M, _ALIKE_RAD = 0.7, 0.2
@@ -43,6 +46,8 @@ class LoopCloser:
         self._graph = graph
         self._limit = limit
         self._rejected: deque[Candidate] = deque(maxlen=_REMEMBERED)
+        self._innovations: list[float] = [_MEAN_INNOVATION]
+        """Of accepted loops, and one as it should be."""
         self.closed = closed
         """Loops tried and still in the graph."""
         self.rejected = rejected
@@ -53,9 +58,11 @@ class LoopCloser:
         was accepted, these replace it: then it is accepted, too, and the indices of edges change.
         """
         tried = [candidates] if isinstance(candidates, Candidate) else list(candidates)
-        verdict = close_loop(self._graph, tried, self._limit)
+        limit = self._limit * self._excess
+        verdict = close_loop(self._graph, tried, limit)
         if verdict.accepted:
             self.closed += 1
+            self._innovations.append(verdict.innovation)
             return verdict
         self.rejected += 1
         if len(tried) != 1 or tried[0].kind != LOOP:
@@ -64,7 +71,18 @@ class LoopCloser:
         alike = {one.target: one for one in self._rejected if self._alike(one, tried[0])}
         if len(alike) < _VOTES:
             return verdict
-        return self._exchanged() or self._agreed(list(alike.values())) or verdict
+        together = self._exchanged(limit) or self._agreed(list(alike.values()))
+        if together is not None:
+            self._innovations.append(together.innovation)
+        return together or verdict
+
+    @property
+    def _excess(self) -> float:
+        """How much farther loops were from where the graph expected them than they should be, of
+        the squares: so much surer of itself than it should be is the graph.
+        """
+        mean = math.fsum(self._innovations) / len(self._innovations)
+        return min(max(mean / _MEAN_INNOVATION, 1.0), _TOGETHER)
 
     def _alike(self, one: Candidate, other: Candidate) -> bool:
         """Whether two rejected loops would move the place of the second about alike."""
@@ -76,7 +94,7 @@ class LoopCloser:
         turn_rad = abs(wrap_angle(places[0].yaw_rad - places[1].yaw_rad))
         return places[0].distance_m(places[1]) <= _ALIKE_M and turn_rad <= _ALIKE_RAD
 
-    def _exchanged(self) -> LoopVerdict | None:
+    def _exchanged(self, limit: float) -> LoopVerdict | None:
         """Replace an accepted loop by the newest rejected one and those that agree with it."""
         graph = self._graph
         newest = self._rejected[-1]
@@ -93,16 +111,16 @@ class LoopCloser:
             )
             graph.remove_edge(suspect)
             optimize(graph)
-            verdict = close_loop(graph, newest, self._limit)
+            verdict = close_loop(graph, newest, limit)
             agreeing = [newest]
             if verdict.accepted:
                 for other in list(self._rejected)[-2::-1]:
-                    if close_loop(graph, other, self._limit).accepted:
+                    if close_loop(graph, other, limit).accepted:
                         agreeing.append(other)
             votes = len({one.target for one in agreeing})
             if votes >= _VOTES:
                 # It may have been no hindrance by itself.
-                kept = close_loop(graph, old, self._limit).accepted
+                kept = close_loop(graph, old, limit).accepted
                 used = {id(one) for one in agreeing}
                 left = [one for one in self._rejected if id(one) not in used]
                 self._rejected = deque(left, _REMEMBERED)

@@ -17,7 +17,7 @@ from mazebot.mapping.matching.refine import Refined, refine
 from mazebot.mapping.matching.scan_points import ScanPoints, joined_cloud, moved, thinned
 from mazebot.mapping.params import SlamParams
 
-_SIGMAS = 3.5
+_SIGMAS = 6.0
 """A loop is looked for within so many standard deviations of where it is expected."""
 _CLOSE_M, _CLOSE_RAD = 0.15, 0.1
 """Within this the refinement finds it without a search."""

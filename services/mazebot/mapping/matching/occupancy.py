@@ -224,3 +224,15 @@ def share_behind_walls(
     is_wall = (wall & (np.abs(beyond_m) <= _BEHIND_M / 2.0)).any(axis=1)
     behind = (wall & (beyond_m < -_BEHIND_M)).any(axis=1) & ~is_wall
     return float(behind.mean())
+
+
+def share_in_free(grid: MapGrid, map_from_base: SE2, returns_m: Array) -> float:
+    """The share of returns (n, 2), in base_footprint, that lie where the map is free."""
+    if not len(returns_m):
+        return 0.0
+    places_m = moved(returns_m, grid.origin.inverse() @ map_from_base)
+    columns, rows = np.floor(places_m / grid.resolution_m).astype(np.int64).T
+    inside = (rows >= 0) & (rows < grid.cells.shape[0])
+    inside &= (columns >= 0) & (columns < grid.cells.shape[1])
+    free = np.count_nonzero(grid.cells[rows[inside], columns[inside]] == FREE)
+    return float(free / len(returns_m))

@@ -65,6 +65,7 @@ def refine(
     start: SE2 | None = None,
     few_share: float = FEW_SHARE,
     views: Array | None = None,
+    pull_m: float = _WIDE_M,
 ) -> Refined:
     """Fit a scan's returns (n, 2), in the base's frame, to a local map.
 
@@ -79,6 +80,8 @@ def refine(
         start: where to begin, if not at the prediction.
         few_share: this share of the returns that fit must constrain a direction, else it is open.
         views: (n, 2) direction of each return to where it was seen from, if that is not the sensor.
+        pull_m: scale of the distances whose returns pull in the first iterations: less where the
+            start is sure.
     """
     begin = predicted if start is None else start
     pose = np.array(begin, np.float64)
@@ -93,7 +96,7 @@ def refine(
         pose, prior, np.ascontiguousarray(prior_information, np.float64),
         np.ascontiguousarray(points_m), np.ascontiguousarray(views), local.surfels, local.nearest,
         local.x_m, local.y_m, 1.0 / local.cell_m, 1.0 / (return_std_m * return_std_m), few_share,
-        information,
+        pull_m, information,
     )  # fmt: skip
     x_m, y_m, yaw_rad = pose.tolist()
     return Refined(SE2(x_m, y_m, wrap_angle(yaw_rad)), information, fit, bool(is_open), discord)
@@ -102,7 +105,7 @@ def refine(
 @kernel(
     "UniTuple(float64, 3)(float64[::1], float64[::1], float64[:, ::1], float64[:, ::1], "
     "float64[:, ::1], float64[:, ::1], int32[:, ::1], float64, float64, float64, float64, float64, "
-    "float64[:, ::1])"
+    "float64, float64[:, ::1])"
 )
 def _refine(
     pose: Array,
@@ -117,6 +120,7 @@ def _refine(
     cells_per_m: float,
     each: float,
     few_share: float,
+    wide_m: float,
     information: Array,
 ) -> tuple[float, float, float]:
     rows, columns = nearest.shape
@@ -129,7 +133,7 @@ def _refine(
     fit = 0.0
     discord = 1.0
     while True:
-        scale = _NARROW_M if narrow else _WIDE_M
+        scale = _NARROW_M if narrow else wide_m
         c, s = portable_kernels.cos_sin(pose[2])
         h[:] = 0.0
         b[:] = 0.0

@@ -125,7 +125,8 @@ class RobotContext:
 
     def check_goals(self, goals: Sequence[SE2]) -> None:
         """See NavigationContext."""
-        self.planner_server.check_goals(self.pose(), goals)
+        if self.is_localized():
+            self.planner_server.check_goals(self.pose(), goals)
         # A new task begins.
         self.forget_places()
 
