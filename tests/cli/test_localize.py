@@ -148,7 +148,6 @@ class TestMistakes:
             (f"{HEADER},range_0\n", "has no rows"),
             (f"{HEADER},range_0\n0,0,0\n", ":2: 3 values: must be 5"),
             (f"{HEADER},range_0\n0,0,nan,0,1\n", ":2: odom_y_m: 'nan': must be a finite number"),
-            (f"{HEADER},range_0\n1,0,0,0,1\n1,0,0,0,1\n", ":3: time_s: 1: must be later than 1"),
             (f"{HEADER},range_0\n0,0,0,0,far\n", "range_0: 'far': must be metres, inf or empty"),
             (f"{HEADER},range_0\n0,0,0,0,\n", "has no scan with odometry"),
         ],

@@ -280,6 +280,31 @@ class TestCarmen:
         assert "without ODOM" in refused(path)
 
 
+class TestCsv:
+    @pytest.mark.parametrize(
+        ("times_s", "grown_s", "made_up"),
+        [
+            ((0.0, 0.5, 1.0, 1.5), (0.0, 0.5, 1.0, 1.5), 0),
+            ((0.0, 0.0, 1.0, 1.0), (0.0, 0.5, 1.0, 2.0), 2),
+            ((7.0, 7.0, 7.0, 7.0), (7.0, 8.0, 9.0, 10.0), 3),
+        ],
+    )
+    def test_the_order_of_the_lines_holds_whatever_their_times(
+        self,
+        tmp_path: Path,
+        times_s: tuple[float, ...],
+        grown_s: tuple[float, ...],
+        made_up: int,
+    ) -> None:
+        header = "time_s,odom_x_m,odom_y_m,odom_yaw_rad,range_0,range_1"
+        rows = [f"{time_s},{i},0,0,1,2" for i, time_s in enumerate(times_s)]
+        log = read(written(tmp_path, header, *rows, name="robot.csv"))
+        assert [entry.stamp_ns * 1e-9 for entry in log.entries] == pytest.approx(grown_s)
+        poses = [entry.odom_from_base for entry in log.entries]
+        assert [pose.x_m for pose in poses if pose is not None] == [0.0, 1.0, 2.0, 3.0]
+        assert log.retimed == made_up
+
+
 class TestKinds:
     def test_other_files_say_what_they_are(self, tmp_path: Path) -> None:
         path = tmp_path / "some.file"

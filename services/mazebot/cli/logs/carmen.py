@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mazebot.cli.logs.log import Entry, Log, LoggedScan, ScanForm, Where
+from mazebot.cli.logs.log import CLOCK_SET_S, Entry, Log, LoggedScan, ScanForm, Where, growing
 from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import SE2, Array, wrap_angle
 
@@ -34,10 +34,6 @@ _TOP = 0.0015
 _TOP_SHARE = 0.01
 """So many of all readings within so little of the longest one are a code, not walls."""
 _SAME_OFFSET = 0.01
-_CLOCK_SET_S = 10.0
-"""A clock that goes back by more, and on from there, was set or has run over."""
-_MADE_UP_S = 1.0
-"""At most, between scans that have no time of their own: slower than any robot."""
 
 
 _Times = tuple[float, float]
@@ -214,14 +210,14 @@ def _in_time(
         ordered = sweeps
     limit_m = _no_return_m(ordered)
     scans = [_scan(sweep, limit_m, form) for sweep in ordered]
-    times_s, retimed = _growing([sweep.times_s[clock] for sweep in ordered])
-    odometry_s, _ = _growing([both[clock] for _, both, _ in odometry])
+    times_s, retimed = growing([sweep.times_s[clock] for sweep in ordered])
+    odometry_s, _ = growing([both[clock] for _, both, _ in odometry])
     if odometry and 2 * retimed > len(sweeps):
         # Without times, the order of the lines says which odometry a scan lies between.
         lines = [sweep.line for sweep in ordered] + [line for line, _, _ in odometry]
         raw_s = [sweep.times_s[clock] for sweep in ordered] + [t[clock] for _, t, _ in odometry]
         order = sorted(range(len(lines)), key=lines.__getitem__)
-        together, _ = _growing([raw_s[i] for i in order])
+        together, _ = growing([raw_s[i] for i in order])
         placed = dict(zip(order, together, strict=True))
         times_s = [placed[i] for i in range(len(ordered))]
         odometry_s = [placed[i] for i in range(len(ordered), len(lines))]
@@ -248,40 +244,7 @@ def _clock_was_set(sweeps: list[_Sweep], clock: int) -> bool:
     if sweeps[0].robot is not None:
         return False
     times_s = np.array([sweep.times_s[clock] for sweep in sweeps])
-    return bool(np.any(np.diff(times_s) < -_CLOCK_SET_S))
-
-
-def _growing(times_s: list[float]) -> tuple[list[float], int]:
-    """Times in the same order that grow, and how many of them had to be made up.
-
-    A time that is not later than those before is put between them and the next later one. Where a
-    clock was set back, or has run over, all later times are moved.
-    """
-    grown: list[float] = []
-    moved_s, made_up, waiting = 0.0, 0, 0
-    for i, own_s in enumerate(times_s):
-        time_s = own_s + moved_s
-        if grown:
-            back_s = grown[-1] - _CLOCK_SET_S
-            after_s = times_s[i + 1] + moved_s if i + 1 < len(times_s) else -math.inf
-            if time_s < after_s < back_s:
-                moved_s += grown[-1] + (waiting + 1) * _MADE_UP_S - time_s
-                time_s = own_s + moved_s
-            if time_s <= grown[-1]:
-                waiting += 1
-                continue
-            grown += _between(grown[-1], time_s, waiting)
-        made_up += waiting
-        waiting = 0
-        grown.append(time_s)
-    if grown:
-        grown += _between(grown[-1], math.inf, waiting)
-    return grown, made_up + waiting
-
-
-def _between(begin_s: float, end_s: float, count: int) -> list[float]:
-    step_s = min((end_s - begin_s) / (count + 1), _MADE_UP_S)
-    return [begin_s + (i + 1) * step_s for i in range(count)]
+    return bool(np.any(np.diff(times_s) < -CLOCK_SET_S))
 
 
 def _way(sweeps: list[_Sweep]) -> float:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mazebot.cli.logs.log import Entry, Log, LoggedScan, ScanForm, Where
+from mazebot.cli.logs.log import Entry, Log, LoggedScan, ScanForm, Where, growing
 from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import SE2
 
@@ -36,7 +36,14 @@ def read(path: Path, lines: Iterable[str], form: ScanForm) -> Log:
         raise ConfigError(f"--log: {path}: must be CSV in UTF-8") from error
     if not entries:
         raise ConfigError(f"--log: {path}: has no rows after its header")
-    return Log(entries)
+    times_s, made_up = growing([time_s for time_s, _, _ in entries])
+    return Log(
+        [
+            Entry(round(time_s * 1e9), odom_from_base, scan)
+            for time_s, (_, odom_from_base, scan) in zip(times_s, entries, strict=True)
+        ],
+        retimed=min(made_up, sum(scan is not None for _, _, scan in entries)),
+    )
 
 
 def _beams_of(path: Path, header: list[str]) -> int:
@@ -58,8 +65,9 @@ def _beams_of(path: Path, header: list[str]) -> int:
     return len(names)
 
 
-def _entries(path: Path, rows: Any, beams: int, form: ScanForm) -> Iterator[Entry]:
-    last_s = -math.inf
+def _entries(
+    path: Path, rows: Any, beams: int, form: ScanForm
+) -> Iterator[tuple[float, SE2, LoggedScan | None]]:
     increment = form.angle_increment_rad
     if increment is None:
         increment = math.tau / beams
@@ -75,15 +83,12 @@ def _entries(path: Path, rows: Any, beams: int, form: ScanForm) -> Iterator[Entr
         time_s, x_m, y_m, yaw_rad = (
             _number(where, name, text) for name, text in zip(COLUMNS, row, strict=False)
         )
-        if time_s <= last_s:
-            raise where.wrong(f"time_s: {row[0]}: must be later than {last_s:g}")
-        last_s = time_s
         scan = None
         cells = row[len(COLUMNS) :]
         if any(cell.strip() for cell in cells):
             ranges_m = _ranges(where, cells)
             scan = LoggedScan(ranges_m, angle_min, increment, range_min, range_max)
-        yield Entry(round(time_s * 1e9), SE2(x_m, y_m, yaw_rad), scan)
+        yield time_s, SE2(x_m, y_m, yaw_rad), scan
 
 
 def _number(where: Where, name: str, text: str) -> float:

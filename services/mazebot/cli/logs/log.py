@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,6 +16,12 @@ from mazebot.common.maths.frames import SE2
 
 if TYPE_CHECKING:
     from mazebot.common.messages.scan import Scan
+
+
+CLOCK_SET_S = 10.0
+"""A clock that goes back by more, and on from there, was set or has run over."""
+_MADE_UP_S = 1.0
+"""At most, between scans that have no time of their own: slower than any robot."""
 
 
 @dataclass(frozen=True)
@@ -135,3 +142,36 @@ class Where:
     def wrong(self, problem: str) -> ConfigError:
         """The error to raise about this line."""
         return ConfigError(f"--log: {self.path}:{self.line}: {problem}")
+
+
+def growing(times_s: list[float]) -> tuple[list[float], int]:
+    """Times in the same order that grow, and how many of them had to be made up.
+
+    A time that is not later than those before is put between them and the next later one. Where a
+    clock was set back, or has run over, all later times are moved.
+    """
+    grown: list[float] = []
+    moved_s, made_up, waiting = 0.0, 0, 0
+    for i, own_s in enumerate(times_s):
+        time_s = own_s + moved_s
+        if grown:
+            back_s = grown[-1] - CLOCK_SET_S
+            after_s = times_s[i + 1] + moved_s if i + 1 < len(times_s) else -math.inf
+            if time_s < after_s < back_s:
+                moved_s += grown[-1] + (waiting + 1) * _MADE_UP_S - time_s
+                time_s = own_s + moved_s
+            if time_s <= grown[-1]:
+                waiting += 1
+                continue
+            grown += _between(grown[-1], time_s, waiting)
+        made_up += waiting
+        waiting = 0
+        grown.append(time_s)
+    if grown:
+        grown += _between(grown[-1], math.inf, waiting)
+    return grown, made_up + waiting
+
+
+def _between(begin_s: float, end_s: float, count: int) -> list[float]:
+    step_s = min((end_s - begin_s) / (count + 1), _MADE_UP_S)
+    return [begin_s + (i + 1) * step_s for i in range(count)]
