@@ -186,6 +186,20 @@ class TestLogsAsTheyAre:
         assert str(error.value).startswith(f"--log: {carmen}: 3 of 8 scans could be used")
         assert "5 without odometry at their time" in str(error.value)
 
+    def test_scans_that_do_not_fit_each_other_are_an_error(
+        self, hall: Hall, tmp_path: Path
+    ) -> None:
+        log = self.written(tmp_path, self.lines(hall, every=3))
+        out = tmp_path / "out"
+        assert "of a scan's returns lie where" in told("--log", str(log), "--out", str(out))
+        # A full turn, of which the lidar saw the half.
+        wrong = ("--angle-min", "0", "--angle-increment", str(2.0 * math.pi / 180))
+        with pytest.raises(ConfigError) as error:
+            told("--log", str(log), "--out", str(tmp_path / "none"), *wrong)
+        assert f"--log: {log}: the scans do not fit each other" in str(error.value)
+        assert "--angle-increment" in str(error.value)
+        assert not (tmp_path / "none").exists()
+
 
 def _away_m(points: np.ndarray, segment: np.ndarray) -> np.ndarray:
     a, b = segment[:2], segment[2:]

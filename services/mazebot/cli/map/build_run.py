@@ -35,6 +35,8 @@ class Built:
     """(n, 3) map_from_base at these times, by the graph as it is at the end."""
     scans: int
     """Scans in the log."""
+    fits: Array
+    """(n,) share of the returns that the scans before had seen as well."""
     step_ms: Array
     """(m,) time that each scan took."""
     elapsed_s: float
@@ -47,6 +49,11 @@ class Built:
     def log_s(self) -> float:
         """The log's own time."""
         return float(self.times_s[-1] - self.times_s[0])
+
+    @property
+    def fit_median(self) -> float:
+        """Of the shares of the returns that fit."""
+        return float(np.median(self.fits))
 
     def trajectory_csv(self) -> str:
         """time_s, x_m, y_m, yaw_rad of each scan."""
@@ -83,6 +90,7 @@ class Built:
                 }
                 for jump in self.slam.jumps
             ],
+            "fit_median": round(self.fit_median, 3),
             "log_s": round(self.log_s, 3),
             "driven_m": round(self.driven_m, 2),
             "keyframes": len(self.graph.nodes),
@@ -124,7 +132,7 @@ def run(
     slam = Slam(params, SE2(0.0, 0.0, 0.0))
     place = base_from_scan or log.base_from_scan or BASE_FROM_SCAN
     scans = log.scans
-    stamps_ns, anchors, step_ms = [], [], []
+    stamps_ns, anchors, fits, step_ms = [], [], [], []
     odometry = []
     done, driven_m = 0, 0.0
     last: SE2 | None = None
@@ -143,6 +151,7 @@ def run(
         if used:
             stamps_ns.append(step.stamp_ns)
             anchors.append(slam.anchor())
+            fits.append(slam.quality)
         done += 1
         if done % _PROGRESS_EVERY == 0:
             on_progress(done, scans, slam)
@@ -153,6 +162,6 @@ def run(
     poses = np.array([slam.graph.pose(node) @ of_node for node, of_node in anchors])
     times_s = np.array(stamps_ns, np.float64) * 1e-9
     return Built(
-        slam, graph, times_s, poses, scans, np.array(step_ms), elapsed_s, driven_m,
-        np.array(odometry),
+        slam, graph, times_s, poses, scans, np.array(fits), np.array(step_ms), elapsed_s,
+        driven_m, np.array(odometry),
     )  # fmt: skip
