@@ -97,7 +97,7 @@ def build(
             ),
         )  # fmt: skip
     _check_used(log_file, built)
-    _check_fit(log_file, built)
+    _warn_of_fit(log_file, built)
     errors = None
     if known is not None:
         errors = relation_errors(built.times_s, built.poses, known, built.odometry)
@@ -150,13 +150,14 @@ def _check_used(log_file: Path, built: Built) -> None:
         )
 
 
-def _check_fit(log_file: Path, built: Built) -> None:
-    """Raises ConfigError where the scans do not fit each other: what they make is no map."""
+def _warn_of_fit(log_file: Path, built: Built) -> None:
+    """Say where the scans do not fit each other: what they make is hardly a map."""
     if built.fit_median < _LEAST_FIT:
-        raise ConfigError(
-            f"--log: {log_file}: the scans do not fit each other: {100.0 * built.fit_median:.0f} % "
-            "of a scan's returns lie where those before saw walls, by the median: must be "
-            f"{100.0 * _LEAST_FIT:.0f} %: check --angle-min, --angle-increment and --lidar"
+        sys.stderr.write(
+            f"warning: --log: {log_file}: the scans do not fit each other: "
+            f"{100.0 * built.fit_median:.0f} % of a scan's returns lie where those before saw "
+            f"walls, by the median: should be {100.0 * _LEAST_FIT:.0f} % or more: "
+            "check --angle-min, --angle-increment and --lidar\n"
         )
 
 
