@@ -97,7 +97,7 @@ class PoseMonitor:
         with those of scans from elsewhere since the pose is suspect, makes the pose lost.
         """
         last = self._weighed_at
-        if last is not None and _is_near(last, odom_from_base, _MOVED_M, _MOVED_RAD):
+        if last is not None and last.is_near(odom_from_base, _MOVED_M, _MOVED_RAD):
             self._advantage = max(self._advantage, advantage)
         else:
             self._advantage += advantage
@@ -125,15 +125,10 @@ class PoseMonitor:
             return False
         # Compared where the robot is: far from odom's origin a small turn is a long way.
         return any(
-            _is_near(one @ odom_from_base, other @ odom_from_base, _AGREE_M, _AGREE_RAD)
+            (one @ odom_from_base).is_near(other @ odom_from_base, _AGREE_M, _AGREE_RAD)
             for one in last.poses_in_odom
             for other in strike.poses_in_odom
         )
-
-
-def _is_near(one: SE2, other: SE2, within_m: float, within_rad: float) -> bool:
-    turned = abs(wrap_angle(one.yaw_rad - other.yaw_rad))
-    return one.distance_m(other) <= within_m and turned <= within_rad
 
 
 def _squared_distance(sighting: Sighting, map_from_base: SE2, covariance: Array) -> float:

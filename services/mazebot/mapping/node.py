@@ -15,7 +15,6 @@ from mazebot.common.maths.frames import (
     SE2,
     Array,
     se2_from_matrix,
-    wrap_angle,
 )
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.documents import LocalizationStatus, World
@@ -344,9 +343,5 @@ class MappingNode(Node):
 def _has_only_time_begun_anew(before: SE2, odom_from_base: SE2) -> bool:
     """Whether odometry goes on from where it was, and not from zero: the robot is where it was."""
     begin = SE2(0.0, 0.0, 0.0)
-    return _are_near(before, odom_from_base) and not _are_near(begin, odom_from_base)
-
-
-def _are_near(one: SE2, other: SE2) -> bool:
-    turned_rad = abs(wrap_angle(one.yaw_rad - other.yaw_rad))
-    return one.distance_m(other) <= _NEAR_M and turned_rad <= _NEAR_RAD
+    goes_on = odom_from_base.is_near(before, _NEAR_M, _NEAR_RAD)
+    return goes_on and not odom_from_base.is_near(begin, _NEAR_M, _NEAR_RAD)

@@ -54,6 +54,11 @@ class SE2(NamedTuple):
         """Distance between the two origins."""
         return math.hypot(self.x_m - other.x_m, self.y_m - other.y_m)
 
+    def is_near(self, other: SE2, within_m: float, within_rad: float) -> bool:
+        """Whether another pose is within a distance and a turn of this one."""
+        turned_rad = abs(wrap_angle(self.yaw_rad - other.yaw_rad))
+        return self.distance_m(other) <= within_m and turned_rad <= within_rad
+
 
 class PlanarCovariance(NamedTuple):
     """The six distinct elements of a (3, 3) covariance of (x, y, yaw), as plain numbers: for a

@@ -168,7 +168,8 @@ class CarriedOff:
         if before is not None:
             expected = before @ odom_from_base
             pose = known.fitted(cloud, expected)
-            if pose is not None and _agree(pose, expected) and self._is_free(pose, grid()):
+            agrees = pose is not None and pose.is_near(expected, _AGREE_M, _AGREE_RAD)
+            if pose is not None and agrees and self._is_free(pose, grid()):
                 self._forget()
                 return pose
         found = known.searched(cloud)
@@ -247,8 +248,3 @@ class _Known(NamedTuple):
             p.scan_match_std_m * math.sqrt(self.scatter), views=cloud[:, 2:4],
         )  # fmt: skip
         return None if fitted.fit < least_fit or fitted.open_direction else fitted.map_from_base
-
-
-def _agree(pose: SE2, other: SE2) -> bool:
-    turned_rad = abs(wrap_angle(pose.yaw_rad - other.yaw_rad))
-    return pose.distance_m(other) <= _AGREE_M and turned_rad <= _AGREE_RAD

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mazebot.common.maths.frames import SE2, wrap_angle
+from mazebot.common.maths.frames import SE2
 from mazebot.mapping.graph.optimizer import (
     CHI2_99,
     Candidate,
@@ -91,8 +91,7 @@ class LoopCloser:
             moved = self._graph.pose(each.source) @ each.source_from_target
             map_from_wrong = moved @ self._graph.pose(each.target).inverse()
             places.append(map_from_wrong @ self._graph.pose(other.target))
-        turn_rad = abs(wrap_angle(places[0].yaw_rad - places[1].yaw_rad))
-        return places[0].distance_m(places[1]) <= _ALIKE_M and turn_rad <= _ALIKE_RAD
+        return places[0].is_near(places[1], _ALIKE_M, _ALIKE_RAD)
 
     def _exchanged(self, limit: float) -> LoopVerdict | None:
         """Replace an accepted loop by the newest rejected one and those that agree with it."""

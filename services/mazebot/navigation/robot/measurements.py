@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mazebot.common.maths.frames import SE2, Array, wrap_angle
+from mazebot.common.maths.frames import SE2, Array
 from mazebot.common.maths.odometry_history import OdometryHistory
 from mazebot.common.messages.documents import LocalizationStatus
 from mazebot.common.messages.scan import Scan
@@ -137,7 +137,7 @@ class Measurements:
         if self.is_heard:
             return
         if self._stood is not None:
-            self.is_heard = _are_apart(odom_from_base, self._stood, _STARTED_M, _STARTED_RAD)
+            self.is_heard = not odom_from_base.is_near(self._stood, _STARTED_M, _STARTED_RAD)
         elif stands(velocity):
             self._stood = odom_from_base
 
@@ -160,7 +160,7 @@ class Measurements:
         if before is None or self.odom is None:
             return False
         old, new = (one @ self.odom[1] for one in (before[1], map_from_odom))
-        return _are_apart(new, old, _JUMP_M, _JUMP_RAD)
+        return not new.is_near(old, _JUMP_M, _JUMP_RAD)
 
     def odom_slipped(self, epoch: int | None) -> SE2 | None:
         """Where odometry has what it had at a place before the wheels slipped, odom_from_before;
@@ -170,7 +170,7 @@ class Measurements:
         if before is None or now is None or self.odom is None or not self.is_localized(epoch):
             return None
         old, new = before @ self.odom[1], now[1] @ self.odom[1]
-        if not _are_apart(new, old, _SLIP_M, _SLIP_RAD):
+        if new.is_near(old, _SLIP_M, _SLIP_RAD):
             return None
         self._before_slip = now[1]
         return now[1].inverse() @ before
@@ -274,9 +274,3 @@ class Measurements:
         if echoes is None:
             return np.empty((0, 2))
         return moved_points(echoes.base_points_m, echoes.odom_from_base, self.odom[1])
-
-
-def _are_apart(one: SE2, other: SE2, way_m: float, turn_rad: float) -> bool:
-    """Whether two poses differ by more than a way or a turn."""
-    turned_rad = abs(wrap_angle(one.yaw_rad - other.yaw_rad))
-    return one.distance_m(other) > way_m or turned_rad > turn_rad
