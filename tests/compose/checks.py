@@ -32,7 +32,8 @@ kept, image = (
 )
 print(len(image) > 100, *sorted(kept - image))
 """
-    assert stack.inside(service, code) == "True", service
+    compiled = stack.inside(service, code)
+    assert compiled == "True", f"{service}: {compiled}"
 
 
 def check_table(log: str) -> None:

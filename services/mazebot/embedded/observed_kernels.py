@@ -15,6 +15,9 @@ from mazebot.common.maths.kernels import Kernel, Types
 from mazebot.common.node.executive import Executive, MemoryTransport
 from mazebot.embedded.demo import DemoOptions, build_nodes
 from mazebot.embedded.kernel_list import SIGNED, Listed
+from mazebot.navigation import kernels as navigation_kernels
+from mazebot.navigation.config import NavigationConfig
+from mazebot.navigation.control.yielding.giving_way import GivingWayParams
 from mazebot.physics.camera import cpu_camera, gl_camera
 from mazebot.worldgen.kernels import compile_kernels
 
@@ -49,6 +52,8 @@ def _use_all() -> None:
     with tempfile.TemporaryDirectory() as folder:
         for slam in (False, True):
             _drive(Path(folder) / ("slam" if slam else "tour"), slam)
+    # What no tour needs, and some configuration does.
+    navigation_kernels.compile_kernels(NavigationConfig(giving_way=GivingWayParams(enabled=True)))
     cpu_camera.compile_kernels()
     gl_camera.compile_kernels()
     compile_kernels()

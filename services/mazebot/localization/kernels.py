@@ -25,6 +25,8 @@ def compile_kernels(config: LocalizationConfig) -> None:
     wheel_slip.compile_kernels()
     cells = np.zeros((60, 60), np.int8)
     cells[0] = cells[-1] = cells[:, 0] = cells[:, -1] = 100
+    # Through a door out of the map: there, what a beam meets may be unknown.
+    cells[-1, 20:40] = -1
     localization = Localization(
         config, cells, 0.05, SE2(0.0, 0.0, 0.0), random_generator(0, "localization/warm")
     )

@@ -22,7 +22,7 @@ from mazebot.navigation.control.collision import STOP, Velocity
 from mazebot.navigation.control.controller import Robot
 from mazebot.navigation.control.controllers import CONTROLLERS
 from mazebot.navigation.control.mppi.mppi_kernels import compile_mppi_kernels
-from mazebot.navigation.control.ray_evidence import Rays
+from mazebot.navigation.control.ray_evidence import RayMemory, Rays
 from mazebot.navigation.control.safety.collision_kernels import compile_collision_kernels
 from mazebot.navigation.control.safety.collision_monitor import SourcePoints, moved_points
 from mazebot.navigation.control.yielding.warm_up import compile_yielding_kernels
@@ -118,7 +118,11 @@ def _drive(drive: Drive) -> None:
             robot.costmap.static.distance_m, robot.costmap.frame,
             rays=Rays(now_ns * 1e-9, start, scan),
         )  # fmt: skip
+    rays = RayMemory(1.0)
+    rays.take(Rays(0.0, start, scan))
+    rays.has_moved(0.0, points_m, points_m)
     moving = drive.tracker.tracks(0.1)
+    robot.cost_at(start, use_footprint=True)
     robot.costmap.clear_around(start, 1.0)
     robot.costmap.clear()
     for name, controller in robot.controller_server.controllers.items():

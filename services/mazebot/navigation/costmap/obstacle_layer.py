@@ -198,16 +198,9 @@ class ObstacleLayer:
 
     def mark(self, cells: NDArray[np.int64]) -> Window | None:
         """Mark (n, 2) cells, row and column, those outside the grid left out."""
-        rows, columns = self.marked.shape
-        inside = (cells >= 0).all(axis=1) & (cells[:, 0] < rows) & (cells[:, 1] < columns)
-        cells = cells[inside]
-        if not len(cells):
-            return None
+        cells = self._inside(cells)
         self.marked[cells[:, 0], cells[:, 1]] = True
-        (row0, column0), (row1, column1) = cells.min(axis=0), cells.max(axis=0)
-        changed = np.array([row0, row1 + 1, column0, column1 + 1])
-        self._note(changed)
-        return _window(changed)
+        return self._noted(cells)
 
     def hold(self, column: float, row: float, radius: float, pinned: bool) -> None:
         """Keep the marks in a circle, in cells, until rays pass them, or for good; also those that
@@ -230,27 +223,21 @@ class ObstacleLayer:
 
     def pin(self, cells: NDArray[np.int64]) -> Window | None:
         """Mark (n, 2) cells, row and column, until they are released."""
-        changed = np.array([self.marked.shape[0], 0, self.marked.shape[1], 0])
-        rows, columns = self.marked.shape
-        for r, c in cells.tolist():
-            if 0 <= r < rows and 0 <= c < columns:
-                self.marked[r, c], self._held[r, c] = True, GAP
-                self._seen[r, c] = self._scans
-                _include(changed, r, c)
-        self._note(changed)
-        return _window(changed)
+        cells = self._inside(cells)
+        rows, columns = cells[:, 0], cells[:, 1]
+        self.marked[rows, columns], self._held[rows, columns] = True, GAP
+        self._seen[rows, columns] = self._scans
+        return self._noted(cells)
 
     def release(self, cells: NDArray[np.int64] | None = None) -> Window | None:
         """Hold nothing any more but gaps; or clear (n, 2) cells of a gap."""
-        changed = np.array([self.marked.shape[0], 0, self.marked.shape[1], 0])
-        rows, columns = self.marked.shape
         if cells is None:
             self._held[self._held < GAP] = 0
-        for r, c in () if cells is None else cells.tolist():
-            if 0 <= r < rows and 0 <= c < columns:
-                self.marked[r, c], self._held[r, c] = False, 0
-                _include(changed, r, c)
-        return _window(changed)
+            return None
+        cells = self._inside(cells)
+        rows, columns = cells[:, 0], cells[:, 1]
+        self.marked[rows, columns], self._held[rows, columns] = False, 0
+        return _window_of(cells)
 
     def clear_footprint(
         self, footprint: Footprint, column: float, row: float, yaw_rad: float, resolution_m: float
@@ -331,6 +318,17 @@ class ObstacleLayer:
             array[:] = moved
         self._extent = (0, self.marked.shape[0], 0, self.marked.shape[1])
 
+    def _inside(self, cells: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Those of (n, 2) cells that are in the grid."""
+        return cells[((cells >= 0) & (cells < self.marked.shape)).all(axis=1)]
+
+    def _noted(self, cells: NDArray[np.int64]) -> Window | None:
+        """The window of cells that have been marked."""
+        window = _window_of(cells)
+        if window is not None:
+            self._note(np.array(window))
+        return window
+
     def _note(self, changed: NDArray[np.int64]) -> None:
         a, b, c, d = self._extent
         e, f, g, h = (int(end) for end in changed)
@@ -359,6 +357,14 @@ def _ends(window: NDArray[np.int64]) -> Window:
 def _window(changed: NDArray[np.int64]) -> Window | None:
     row0, row1, column0, column1 = _ends(changed)
     return (row0, row1, column0, column1) if row0 < row1 and column0 < column1 else None
+
+
+def _window_of(cells: NDArray[np.int64]) -> Window | None:
+    """The rows and columns of (n, 2) cells."""
+    if not len(cells):
+        return None
+    (row0, column0), (row1, column1) = cells.min(axis=0).tolist(), cells.max(axis=0).tolist()
+    return row0, row1 + 1, column0, column1 + 1
 
 
 @shared_kernel(inline=True)

@@ -382,7 +382,7 @@ class GlCamera:
 def compile_kernels() -> None:
     """Compile the kernels before the first picture."""
     visibility.compile_kernels()
-    _views(np.eye(4), np.eye(4))
+    _for_gl(_views(np.eye(4), np.eye(4))[0])
 
 
 def _make_context() -> Any:
