@@ -52,7 +52,7 @@ POSES = {
     "common/messages/messages.py": 1,
     "common/robot/wheel_slip.py": 11,
     "localization/beam_model.py": 2,
-    "localization/global_search/global_search.py": 3,
+    "localization/global_search/global_search.py": 4,
     "localization/global_search/hypotheses.py": 3,
     "localization/likelihood_field.py": 1,
     "localization/monte_carlo.py": 20,

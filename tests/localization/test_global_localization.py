@@ -10,7 +10,7 @@ import pytest
 
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages.scan import Scan
-from mazebot.localization.beam_model import judge, scan_view
+from mazebot.localization.beam_model import ScanView, judge, scan_view
 from mazebot.localization.global_search.global_search import global_search, search_map
 from mazebot.localization.messages import cloud_message
 from mazebot.localization.monte_carlo import Localization
@@ -46,25 +46,24 @@ def seconds_until(made: offline.Robot, state: str, limit_s: float) -> float:
     return (made.now_ns - begin_ns) * 1e-9
 
 
+def seen_from(place: offline.Place, here: SE2) -> ScanView:
+    """A scan without noise."""
+    ranges_m = place.ranges(here)
+    ranges_m[ranges_m > offline.RANGE_MAX_M] = np.inf
+    scan = Scan(
+        ranges_m.astype(np.float32), 0.0, math.tau / offline.BEAMS, 0.12, 3.5,
+        offline.BASE_FROM_SCAN,
+    )  # fmt: skip
+    return scan_view(scan, 90)
+
+
 class TestSearch:
     @pytest.mark.parametrize("seed", range(5))
     def test_the_true_pose_is_among_the_best(self, seed: int) -> None:
         place = house()
         rng = np.random.default_rng(seed)
         here = place.free_pose(rng)
-        ranges_m = place.ranges(here)
-        ranges_m[ranges_m > offline.RANGE_MAX_M] = np.inf
-        seen = scan_view(
-            Scan(
-                ranges_m.astype(np.float32),
-                0.0,
-                math.tau / offline.BEAMS,
-                0.12,
-                3.5,
-                offline.BASE_FROM_SCAN,
-            ),
-            90,
-        )
+        seen = seen_from(place, here)
         over = rays(place)
         table = search_map(place.cells, place.resolution_m, over)
         poses, _, likelihoods = global_search(table, over, seen, 200)
@@ -72,6 +71,23 @@ class TestSearch:
         assert any(near[:5])
         assert likelihoods[near.index(True)] >= judge(over, np.array([here]), seen)[1][0] - 3.0
         assert (np.diff(likelihoods) <= 0.0).all()
+
+    def test_around_a_pose_it_finds_what_the_whole_map_has_there(self) -> None:
+        place, rng = house(), np.random.default_rng(4)
+        over = rays(place)
+        table = search_map(place.cells, place.resolution_m, over)
+        pose = place.free_pose(rng)
+        seen = seen_from(place, pose)
+        _, _, (best, *_) = global_search(table, over, seen, 200)
+        guess = pose @ SE2(0.4, -0.5, 0.0)
+        found, _, (likelihood, *_) = global_search(table, over, seen, 200, table.around(guess, 1.0))
+        assert likelihood == best
+        assert SE2(*found[0]).distance_m(pose) < 0.05
+        # A position of the table is drawn to the walls by less than this.
+        assert np.abs(found[:, :2] - np.array(guess[:2])).max() < 1.5
+        nowhere = table.around(SE2(1e6, 1e6, 0.0), 1.0)
+        assert len(global_search(table, over, seen, 200, nowhere)[0]) == 0
+        assert table.around(pose, math.inf) == tuple(slice(0, n) for n in table.free.shape)
 
     def test_a_scan_without_returns_gives_no_pose(self) -> None:
         place = house()
@@ -301,6 +317,53 @@ def boxes_around(pose: SE2, gap_m: float) -> np.ndarray:
         there = pose @ SE2(0.0, 0.0, turn) @ SE2(gap_m + 0.15, 0.0, 0.0)
         faces.append(offline.box_faces(*there, 0.3, 2.0 * gap_m))
     return np.concatenate(faces)
+
+
+class TestBeside:
+    """The pose is beside the estimate: the map is not searched for a robot that is not lost."""
+
+    @pytest.mark.parametrize("seed", [1, 3, 4, 6])
+    def test_a_robot_that_was_pushed_and_turned_a_little_is_never_lost(self, seed: int) -> None:
+        made = at_known_pose(house(), seed)
+        for _ in range(60):
+            made.wander()
+        made.kidnap(made.pose @ SE2(0.15, 0.1, 0.35))
+        for i in range(100):
+            made.wander()
+            assert made.loc.state == "localized", made.loc.reasons
+            assert i < 40 or made.error()[0] < 0.1
+            assert i < 40 or made.error()[1] < 0.1
+
+    def test_a_wide_estimate_is_drawn_to_the_one_pose_that_a_scan_fits(self) -> None:
+        """Too few particles are near it: they would take many scans to get there."""
+        at_once = 0
+        for seed in range(6):
+            rng = np.random.default_rng(seed)
+            place = house()
+            begin = place.free_pose(rng)
+            made = offline.Robot(place, begin, place.localization(seed), rng, slip=0.1, noise=0.5)
+            made.loc.initialize(made.pose, NEAR)
+            made.sense()
+            made.lidar = False
+            for _ in range(641):
+                made.wander()
+            assert made.error()[0] > 0.2
+            made.lidar = True
+            made.wander()
+            at_once += made.error()[0] < 0.1
+        assert at_once >= 4
+
+    def test_a_pose_that_could_be_anywhere_is_not_called_known(self) -> None:
+        """A long corridor shows nothing of the place along it."""
+        place = offline.rectangle(60.0, 2.0)
+        rng = np.random.default_rng(2)
+        made = offline.Robot(place, SE2(0.0, 0.0, 0.0), place.localization(2), rng)
+        made.loc.initialize(made.pose, np.diag([5.0, 0.05, 0.05]) ** 2)
+        made.sense()
+        for _ in range(100):
+            made.drive(0.2, 0.0)
+        assert made.loc.state == "searching"
+        assert "standard deviation" in made.loc.reasons[0]
 
 
 class TestBesideLargeThings:

@@ -31,6 +31,7 @@ from mazebot.localization.particle_filter import (
     odometry_motion,
     smoothed,
 )
+from mazebot.localization.particle_set import ParticleSet
 from tests.navigation import house_tour as sim
 
 START_COVARIANCE = np.diag([0.05, 0.05, 0.05]) ** 2
@@ -565,6 +566,18 @@ class TestParticles:
         std = np.sqrt(np.diag(np.cov(made.T)))
         assert std == pytest.approx(np.sqrt(np.diag(np.cov(states.T))), rel=0.25)
         assert np.corrcoef(made.T) == pytest.approx(np.corrcoef(states.T), abs=0.15)
+
+    def test_the_covariance_of_two_groups_includes_both(self) -> None:
+        particles = ParticleSet(LocalizationParams(), np.random.default_rng(1))
+        particles.begin(SE2(0.3, 0.3, 0.4), np.diag([0.02, 0.02, 0.02]) ** 2)
+        half = len(particles.poses) // 2
+        particles.poses[half:] += (4.0, 0.0, 3.0)
+        particles.weigh(np.where(np.arange(len(particles.poses)) < half, 0.4, 0.0))
+        assert 0.5 < particles.share < 0.7
+        assert particles.pose.x_m == pytest.approx(0.3, abs=0.05)
+        # Four metres away with probability 0.4.
+        assert math.sqrt(particles.covariance[0, 0]) == pytest.approx(2.53, abs=0.1)
+        assert math.sqrt(particles.covariance[1, 1]) < 0.05
 
     def test_mean_heading_is_circular(self) -> None:
         particles = np.array([[0.0, 0.0, math.pi - 0.1], [2.0, 0.0, -math.pi + 0.1]])

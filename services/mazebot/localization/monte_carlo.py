@@ -44,6 +44,18 @@ from mazebot.localization.beam_model import (
     refutations,
     scan_view,
 )
+from mazebot.localization.candidates import (
+    BESIDE_M,
+    CERTAIN_QUALITY,
+    FOUND_VARIANCES,
+    GATE,
+    RIVAL,
+    WIDE_M,
+    Candidates,
+    nowhere,
+    poses_beside,
+    std_m,
+)
 from mazebot.localization.global_search.global_search import global_search, search_map
 from mazebot.localization.global_search.hypotheses import (
     BEAM_WEIGHT,
@@ -79,12 +91,7 @@ _SURE_M, _SURE_RAD = 0.08, 0.06
 _JUDGED = 32
 """Particles of an uncertain pose that are judged."""
 _SEARCH_COUNT = 100
-_CERTAIN_QUALITY = 0.75
 _MARKERS_AGREE = 2
-_FOUND_STD_M, _FOUND_STD_RAD = 0.06, 0.04
-_FOUND_VARIANCES = (
-    _FOUND_STD_M * _FOUND_STD_M, _FOUND_STD_M * _FOUND_STD_M, _FOUND_STD_RAD * _FOUND_STD_RAD
-)  # fmt: skip
 _OPEN_FLOOR = 0.6
 """Least consistency of an initial pose where nothing returns."""
 _UNCONTRADICTED = 0.95
@@ -97,12 +104,10 @@ _ALL_EXPLAINED = 0.8
 """Share of hits at a pose elsewhere that such an initial pose gives way to."""
 _VERDICT_SCANS = 5
 """Scans by which an initial pose is confirmed or doubted: the particles need some to converge."""
-_RIVAL = 6.0
-"""Advantage in log-likelihood from which on another pose speaks against an initial one."""
 _NEAR_RIVAL, _NEAR_M = 2.0, 1.0
 """The same for one as near as this: of the whole map's many poses, few are."""
-_GATE = 16.27
-"""99.9 % of chi squared with three degrees of freedom."""
+_SPREAD_OUT_M = 3.0
+"""From this standard deviation on, and where no scan narrows it, the pose is lost."""
 _BORDER_M, _SIGMAS = 0.3, 3.0
 """A return this near to where the map ends, by so many standard deviations, is left out."""
 _UNMAPPED_SHARE = 0.5
@@ -467,8 +472,7 @@ class Localization:
         """
         if not self._table.is_open(self._set.pose):
             return view.points_m, view.before_m
-        variance_m2 = max(float(self._set.covariance[0, 0]), float(self._set.covariance[1, 1]))
-        within_m = max(_BORDER_M, _SIGMAS * math.sqrt(variance_m2))
+        within_m = max(_BORDER_M, _SIGMAS * std_m(self._set.covariance))
         mapped = mapped_returns(self._rays, self._set.pose, view, within_m)
         return view.points_m[mapped], view.before_m[mapped]
 
@@ -483,14 +487,13 @@ class Localization:
             self._match_fast += self._params.recovery_alpha_fast * (near - self._match_fast)
         if self._given is not None:
             returns = float(counts[best, [HIT, SHORT, MISFIT, THROUGH]].sum())
-            nowhere = NOWHERE_COST * returns + MISS_COST * float(counts[best, MISSING])
             mapped = max(self._params.min_returns, (1.0 - _UNMAPPED_SHARE) * view.returns)
             is_mapped = returns >= mapped
             fit = _Fit(
                 float(quality[best]),
                 float(consistency.max()),
                 float(likelihoods[best]),
-                is_mapped and float(likelihoods[best]) >= -nowhere * view.likelihood_weight,
+                is_mapped and float(likelihoods[best]) >= nowhere(counts[best], view),
                 is_mapped,
                 float(counts[best, HIT]) / max(returns, 1.0) if is_mapped else 0.0,
             )
@@ -505,27 +508,40 @@ class Localization:
     ) -> None:
         """Whether a pose that was trusted still is, by the counts (7,) of beams there."""
         is_mapped = counts[UNMAPPED] <= _UNMAPPED_SHARE * max(view.returns, 1)
+        spread_m = std_m(self._set.covariance)
         if not (is_mapped or self._monitor.is_suspect):
             share = f"{100.0 * counts[UNMAPPED] / view.returns:.0f} % of the returns"
             self._reasons = (f"{share} come from where the map shows nothing",)
-            variance_m2 = max(float(self._set.covariance[0, 0]), float(self._set.covariance[1, 1]))
-            if variance_m2 > portable.square(_UNMAPPED_STD_M):
+            if spread_m > _UNMAPPED_STD_M:
                 self._give_up(*self._reasons)
             return
         share = f"{100.0 * self._monitor.quality:.0f} % of the beams are explained by the map"
         if not self._monitor.is_suspect:
-            fits = self._monitor.quality >= _CERTAIN_QUALITY
+            fits = self._monitor.quality >= CERTAIN_QUALITY
             self._reasons = ("the scans match the map" if fits else f"{share}, none contradict it",)
-            return
-        through = int(counts[THROUGH])
-        if through:
-            share += f", and {through} of {len(view.ranges_m)} pass through walls"
-        self._reasons = (share,)
+        else:
+            through = int(counts[THROUGH])
+            if through:
+                share += f", and {through} of {len(view.ranges_m)} pass through walls"
+            self._reasons = (share,)
         if self._monitor.is_hopeless(stamp_ns):
             self._give_up(share)
-        elif enough and self._monitor.wants_search(stamp_ns):
-            if self._is_outweighed(odom_from_base, view, counts):
+        elif enough and self._monitor.wants_search(stamp_ns, spread_m > WIDE_M):
+            # Another one is sought everywhere, a right one where it may be.
+            near_m = BESIDE_M + _SIGMAS * spread_m
+            found = self._search_map(view, math.inf if self._monitor.is_suspect else near_m)
+            _, (mine,) = judge(self._rays, np.array([self._set.pose]), view)
+            beside = poses_beside(found, view, self._set.pose, self._set.covariance, float(mine))
+            if beside is not None:
+                # The particles were too few to be near them.
+                self._set.begin_at(beside.poses, beside.weights, np.diag(FOUND_VARIANCES))
+                self._trust("the scans match the map beside the estimate", beside.quality)
+            elif self._monitor.is_suspect and self._is_outweighed(
+                odom_from_base, view, counts, found
+            ):
                 self._give_up(share + "; another pose matches better, or none")
+            elif spread_m > _SPREAD_OUT_M:
+                self._give_up(f"the estimate's standard deviation is {spread_m:.1f} m")
 
     def _judge_given(self, given: _Given, view: ScanView, fit: _Fit) -> None:
         """Confirm the initial pose by a scan, or doubt it."""
@@ -553,7 +569,7 @@ class Localization:
             return
         elif rival is not None and rival.is_given:
             # The particles were too few to be near it.
-            self._set.begin(rival.pose, np.diag(_FOUND_VARIANCES))
+            self._set.begin(rival.pose, np.diag(FOUND_VARIANCES))
             self._trust("the scans match the map near the initial pose", rival.quality)
         elif rival is None and hidden and fit.is_mapped:
             # What hides the walls is left behind on the way, or the pose is contradicted there.
@@ -574,13 +590,13 @@ class Localization:
         quality = qualities(counts, self._params.dynamic_share)
         off = poses[:, :2] - np.array(self._set.pose[:2])
         near = portable.hypot_each(off[:, 0], off[:, 1]) <= _NEAR_M
-        good = quality >= _CERTAIN_QUALITY
-        good &= BEAM_WEIGHT * (likelihoods - likelihood) >= np.where(near, _NEAR_RIVAL, _RIVAL)
+        good = quality >= CERTAIN_QUALITY
+        good &= BEAM_WEIGHT * (likelihoods - likelihood) >= np.where(near, _NEAR_RIVAL, RIVAL)
         if not good.any():
             return None
         best = int(np.argmax(good))
         expected = given.map_from_odom @ self._odom_from_base
-        covariance = given.covariance + np.diag(_FOUND_VARIANCES)
+        covariance = given.covariance + np.diag(FOUND_VARIANCES)
         off = poses[best] - np.array(expected)
         off[2] = wrap_angle(float(off[2]))
         squared = float(portable.product(off, portable.solve(covariance, off)))
@@ -590,7 +606,7 @@ class Localization:
             SE2(x_m, y_m, yaw_rad),
             float(quality[best]),
             float(counts[best, HIT]) / max(judged, 1.0),
-            squared <= _GATE,
+            squared <= GATE,
         )
 
     def _trust(self, reason: str, quality: float) -> None:
@@ -609,14 +625,24 @@ class Localization:
         poses does not match does not rule out each of them.
         """
         mean = np.array([self._set.pose])
-        widest_2 = max(float(self._set.covariance[0, 0]), float(self._set.covariance[1, 1]))
         turn_2 = float(self._set.covariance[2, 2])
-        if widest_2 <= portable.square(_SURE_M) and turn_2 <= portable.square(_SURE_RAD):
+        if std_m(self._set.covariance) <= _SURE_M and turn_2 <= portable.square(_SURE_RAD):
             return mean
         poses = self._set.poses
         return np.ascontiguousarray(np.concatenate([mean, poses[:: max(1, len(poses) // _JUDGED)]]))
 
-    def _is_outweighed(self, odom_from_base: SE2, view: ScanView, mine: Array) -> bool:
+    def _search_map(self, view: ScanView, within_m: float) -> Candidates:
+        """The poses on the map that a scan fits best, within a distance of the estimate."""
+        where = self._table.around(self._set.pose, within_m)
+        poses, counts, likelihoods = global_search(
+            self._table, self._rays, view, _SEARCH_COUNT, where
+        )
+        quality = qualities(counts, self._params.dynamic_share)
+        return Candidates(poses, counts, likelihoods, quality)
+
+    def _is_outweighed(
+        self, odom_from_base: SE2, view: ScanView, mine: Array, found: Candidates
+    ) -> bool:
         """Whether a pose elsewhere matches a scan, or none does, and what contradicts the estimate,
         by the counts (7,) of beams there and on the way since it is suspect, outweighs that hardly
         any robot is carried away.
@@ -625,14 +651,13 @@ class Localization:
         echoes = mine.copy()
         echoes[MISSING] = 0.0
         against, against_echoes = refutations(np.array([mine, echoes]), view.likelihood_weight)
-        _, counts, likelihoods = global_search(self._table, self._rays, view, _SEARCH_COUNT)
-        needed = max(self._monitor.quality + self._params.lost_margin, _CERTAIN_QUALITY)
-        good = qualities(counts, self._params.dynamic_share) >= needed
-        nowhere = against_echoes - NOWHERE_COST * view.returns * view.likelihood_weight
+        on_no_map = against_echoes - NOWHERE_COST * view.returns * view.likelihood_weight
         # At the other pose, what ends before the map's walls counts against it. So it does here,
         # but for no more than what else is against this pose: alone, it is things beside the robot.
         hidden = min(against, MISS_COST * float(mine[SHORT]) * view.likelihood_weight)
-        advantage = (against + hidden + likelihoods[good]).max(initial=max(0.0, nowhere))
+        needed = max(self._monitor.quality + self._params.lost_margin, CERTAIN_QUALITY)
+        others = found.likelihoods[found.quality >= needed]
+        advantage = (against + hidden + others).max(initial=max(0.0, on_no_map))
         return self._monitor.outweighs(odom_from_base, BEAM_WEIGHT * float(advantage))
 
     def _is_refuted(self, stamp_ns: int, odom_from_base: SE2, seen: Sequence[Sighting]) -> bool:
@@ -769,7 +794,7 @@ class Localization:
 
     def _is_certain(self, verdict: Verdict) -> bool:
         quality = min(verdict.quality, verdict.last_quality)
-        if verdict.certainty < self._params.search_certainty or quality < _CERTAIN_QUALITY:
+        if verdict.certainty < self._params.search_certainty or quality < CERTAIN_QUALITY:
             return False
         if verdict.markers >= _MARKERS_AGREE:
             return True
@@ -782,7 +807,7 @@ class Localization:
 
     def _settle_on(self, verdict: Verdict, here: SE2) -> None:
         found = portable.inverse(verdict.information)
-        self._set.begin(here, (found + found.T) / 2.0 + np.diag(_FOUND_VARIANCES))
+        self._set.begin(here, (found + found.T) / 2.0 + np.diag(FOUND_VARIANCES))
         self._hypotheses = None
         self._state = "localized"
         why = "no other pose matches"

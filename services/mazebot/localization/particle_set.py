@@ -10,9 +10,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mazebot.common.maths import portable, portable_kernels
-from mazebot.common.maths.frames import SE2, Array, PlanarCovariance
+from mazebot.common.maths.frames import SE2, Array, PlanarCovariance, wrap_angle
 from mazebot.localization import particle_filter as pf
 from mazebot.localization.params import LocalizationParams
 
@@ -52,22 +53,32 @@ class ParticleSet:
 
         Raises ValueError if the covariance has a negative variance.
         """
-        values, vectors = portable.eigh((covariance + covariance.T) / 2.0)
-        if values[0] < -1e-9:
-            raise ValueError(f"covariance: has a negative variance, {float(values[0]):.3g}")
-        p = self._params
-        draws = portable_kernels.standard_normal(self._rng, (p.max_particles, 3))
-        self.poses = np.ascontiguousarray(
-            np.array(pose) + portable.product(draws * np.sqrt(np.maximum(values, 0.0)), vectors.T)
-        )
-        self.poses[:, 2] = pf.wrapped(self.poses[:, 2])
-        self._log_weights = np.zeros(len(self.poses))
-        self._scales = self._fresh_scales(len(self.poses))
+        self._draw(np.array([pose]), np.zeros(self._params.max_particles, np.int64), covariance)
         self.pose = SE2(*(float(value) for value in pose))
         self.covariance = covariance
         self.converged = self._is_narrow(covariance)
         self.settled = False
         self.share = 1.0
+
+    def begin_at(self, poses: Array, weights: Array, covariance: Array) -> None:
+        """Draw them about several poses (n, 3), as many as their weights (n,) say, which sum to 1;
+        each has the same covariance.
+        """
+        count = self._params.max_particles
+        chosen = pf.low_variance_resample(weights, float(self._rng.random()), count)
+        self._draw(poses, chosen, covariance)
+        self._estimate(np.full(count, 1.0 / count))
+
+    def _draw(self, poses: Array, chosen: NDArray[np.int64], covariance: Array) -> None:
+        values, vectors = portable.eigh((covariance + covariance.T) / 2.0)
+        if values[0] < -1e-9:
+            raise ValueError(f"covariance: has a negative variance, {float(values[0]):.3g}")
+        draws = portable_kernels.standard_normal(self._rng, (len(chosen), 3))
+        spread = portable.product(draws * np.sqrt(np.maximum(values, 0.0)), vectors.T)
+        self.poses = np.ascontiguousarray(poses[chosen] + spread)
+        self.poses[:, 2] = pf.wrapped(self.poses[:, 2])
+        self._log_weights = np.zeros(len(self.poses))
+        self._scales = self._fresh_scales(len(self.poses))
         self._updates = 0
 
     def predict(self, before_from_now: SE2) -> None:
@@ -152,9 +163,18 @@ class ParticleSet:
             self.share = float(weights[cluster].sum())
             # Of one wide cluster every particle counts, not only those within its bin.
             if self.share < _ONE_CLUSTER and not self._is_one(weights, mean, covariance):
-                mean, covariance = pf.mean_and_covariance(
-                    self.poses[cluster], weights[cluster] / self.share
+                of_all, mean = (
+                    mean,
+                    pf.mean_and_covariance(self.poses[cluster], weights[cluster] / self.share)[0],
                 )
+                off = np.array(
+                    [
+                        of_all.x_m - mean.x_m,
+                        of_all.y_m - mean.y_m,
+                        wrap_angle(of_all.yaw_rad - mean.yaw_rad),
+                    ]
+                )
+                covariance = covariance + np.outer(off, off)
             else:
                 self.share = 1.0
         ratio_2 = portable.square(self._params.settled_ratio)

@@ -68,7 +68,7 @@ class PoseMonitor:
         suspect = self._consistency < p.suspect_quality * self._slow
         if not suspect:
             self._slow += p.recovery_alpha_slow * (consistency - self._slow)
-            self._suspect_ns = self._searched_ns = self._weighed_at = None
+            self._suspect_ns = self._weighed_at = None
             self._advantage = 0.0
         elif self._suspect_ns is None:
             self._suspect_ns = stamp_ns
@@ -81,11 +81,13 @@ class PoseMonitor:
         """Whether nearly everything contradicts the pose, for long."""
         return self._hopeless_ns is not None and stamp_ns - self._hopeless_ns >= _HOPELESS_S * 1e9
 
-    def wants_search(self, stamp_ns: int) -> bool:
-        """Whether another pose should be sought now; True but once in two seconds."""
-        if self._suspect_ns is None:
-            return False
-        if stamp_ns - self._suspect_ns < self._params.lost_after_s * 1e9:
+    def wants_search(self, stamp_ns: int, is_wide: bool) -> bool:
+        """Whether another pose should be sought now, for a suspect or a wide estimate; True but
+        once in two seconds.
+        """
+        suspect_ns, lost_after_ns = self._suspect_ns, self._params.lost_after_s * 1e9
+        is_due = suspect_ns is not None and stamp_ns - suspect_ns >= lost_after_ns
+        if not (is_due or is_wide):
             return False
         if self._searched_ns is not None and stamp_ns - self._searched_ns < _SEARCH_AGAIN_S * 1e9:
             return False

@@ -69,6 +69,18 @@ class SearchMap:
         inside = 0 <= row < rows and 0 <= column < columns
         return not inside or bool(self.leads_out[row, column])
 
+    def around(self, pose: SE2, within_m: float) -> tuple[slice, slice]:
+        """The rows and columns of positions within a distance of a pose, along both axes."""
+        place = self.map_from_raster.inverse() @ pose
+        rows, columns = (
+            slice(
+                math.floor(min(max((at_m - within_m) / self.step_m, 0.0), float(count))),
+                math.ceil(min(max((at_m + within_m) / self.step_m + 1.0, 0.0), float(count))),
+            )
+            for at_m, count in zip((place.y_m, place.x_m), self.free.shape, strict=True)
+        )
+        return rows, columns
+
 
 def search_map(cells: NDArray[np.int8], resolution_m: float, rays: RayMap) -> SearchMap:
     """Tables of a map with (rows, columns) cells, as `likelihood_field` takes them."""
@@ -129,24 +141,32 @@ def _distances(rays: RayMap, map_from_raster: SE2, shape: tuple[int, int], pitch
 
 
 def global_search(
-    table: SearchMap, rays: RayMap, view: ScanView, count: int
+    table: SearchMap,
+    rays: RayMap,
+    view: ScanView,
+    count: int,
+    where: tuple[slice, slice] = (slice(None), slice(None)),
 ) -> tuple[Array, Array, Array]:
-    """The poses from which a scan may have been taken, the likeliest first.
+    """The poses from which a scan may have been taken, the likeliest first; `where`: at these rows
+    and columns of the table alone.
 
     Returns (k, 3) poses in the map, k up to `count`, their (k, 7) counts of beams and their (k,)
     log-likelihoods, as `judge` gives them. A scan without returns gives none: every pose in the
     open would do.
     """
     empty = np.empty((0, 3))
-    if view.returns == 0 or not table.free.any():
+    free = table.free[where]
+    if view.returns == 0 or not free.any():
         return empty, np.empty((0, UNMAPPED + 1)), np.empty(0)
     points_m = _spread(view.points_m, min(_POINTS, _MOST_POINTS))
     turn = 2.0 * math.pi / _HEADINGS
     cos, sin = portable_kernels.cos_sin_each(np.arange(_HEADINGS) * turn)
-    rows, columns = table.free.shape
-    scores = np.zeros((_HEADINGS, rows, columns), np.uint16)
-    _correlate(table.phases, points_m, cos, sin, 2.0 / table.step_m, scores)
-    scores *= table.free
+    first_row, first_column = (along.start or 0 for along in where)
+    scores = np.zeros((_HEADINGS, *free.shape), np.uint16)
+    _correlate(
+        table.phases, points_m, cos, sin, 2.0 / table.step_m, first_row, first_column, scores
+    )
+    scores *= free
     least = max(1, int(_LEAST_SHARE * int(scores.max())))
     peaks = np.empty((_MOST_PEAKS, 4), np.int64)
     found = _peaks(scores, least, peaks)
@@ -155,7 +175,8 @@ def global_search(
     poses = np.empty((len(chosen), 3))
     frame = table.map_from_raster
     c, s = portable_kernels.cos_sin(frame.yaw_rad)
-    x, y = chosen[:, 3] * table.step_m, chosen[:, 2] * table.step_m
+    x = (first_column + chosen[:, 3]) * table.step_m
+    y = (first_row + chosen[:, 2]) * table.step_m
     poses[:, 0] = frame.x_m + c * x - s * y
     poses[:, 1] = frame.y_m + s * x + c * y
     poses[:, 2] = (frame.yaw_rad + chosen[:, 1] * turn + math.pi) % (2.0 * math.pi) - math.pi
@@ -182,8 +203,8 @@ def _spread(points_m: Array, most: int) -> Array:
 
 
 @kernel(
-    "void(uint8[:, :, :, ::1], float64[:, ::1], float64[::1], float64[::1], float64, "
-    "uint16[:, :, ::1])"
+    "void(uint8[:, :, :, ::1], float64[:, ::1], float64[::1], float64[::1], float64, int64, "
+    "int64, uint16[:, :, ::1])"
 )
 def _correlate(
     phases: NDArray[np.uint8],
@@ -191,6 +212,8 @@ def _correlate(
     cos: Array,
     sin: Array,
     half_steps_per_m: float,
+    first_row: int,
+    first_column: int,
     scores: NDArray[np.uint16],
 ) -> None:
     rows, columns = scores.shape[1], scores.shape[2]
@@ -202,7 +225,7 @@ def _correlate(
             along_x = math.floor(x * half_steps_per_m + 0.5)
             along_y = math.floor(y * half_steps_per_m + 0.5)
             table = phases[along_y & 1, along_x & 1]
-            off_x, off_y = along_x >> 1, along_y >> 1
+            off_x, off_y = first_column + (along_x >> 1), first_row + (along_y >> 1)
             first, last = max(0, -off_x), min(columns, width - off_x)
             if last <= first:
                 continue
