@@ -155,6 +155,22 @@ class TestFromNothing:
             poses.append(made.loc.particles().tobytes())
         assert poses[0] == poses[1]
 
+    @pytest.mark.parametrize("seed", [1, 4])
+    def test_few_scans_and_bad_odometry_between_them_refute_no_right_pose(self, seed: int) -> None:
+        """The right pose is drawn back to the walls at each scan, wherever odometry has it."""
+        place, rng = offline.shipped("maze_rooms"), np.random.default_rng(seed)
+        made = offline.Robot(
+            place, place.free_pose(rng), place.localization(seed), rng, slip=0.2, noise=1.0
+        )
+        made.loc.global_localization()
+        for i in range(400):
+            made.lidar = i % 40 == 39
+            made.wander(0.4)
+            if made.loc.state == "localized":
+                break
+        assert made.loc.state == "localized", made.loc.reasons
+        assert made.error()[0] < 0.2
+
 
 class TestMarkers:
     def place(self) -> offline.Place:

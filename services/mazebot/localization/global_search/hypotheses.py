@@ -52,8 +52,10 @@ floor of 30 m2, 200 times by the places alone, and people push more often than t
 _PUSHED_TRAVEL_M = 4.0
 """It counts from this way on: what can tell two places apart by then has told."""
 _DRIFT_M, _DRIFT_RAD = 0.03, 0.02
-_DRIFT_SHARE = 0.1
+_DRIFT_PER_WAY, _DRIFT_PER_TURN, _TURN_PER_M = 0.15, 0.15, 0.05
+"""Error of odometry between two keyframes: standard deviations per m, per rad, and in rad per m."""
 _RETURN_STD_M = 0.12
+_NO_MOTION = SE2(0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -181,17 +183,14 @@ class Hypotheses:
     def add_keyframe(self, odom_from_base: SE2, view: ScanView) -> None:
         """Weigh all by a scan at this odometry; search the map for more where that is due."""
         last = self.keyframe_odometry
-        if last is not None:
-            motion = last.inverse() @ odom_from_base
-            turned = abs(motion.yaw_rad)
-            self._travel_m += last.distance_m(odom_from_base) + 0.25 * turned
-            self._poses = _moved(self._poses, motion)
+        motion = _NO_MOTION if last is None else last.inverse() @ odom_from_base
+        self._travel_m += _way_m(motion) + 0.25 * abs(motion.yaw_rad)
+        self._poses = _moved(self._poses, motion)
         self._keyframes.append(_Keyframe(odom_from_base, view.halved()))
         self._view = view
         if len(self._poses):
-            moved = self._travel_since(last, odom_from_base)
             self._poses, scores, quality, self._information = self._fit(
-                self._poses, self._keyframes[-1], moved
+                self._poses, self._keyframes[-1], motion
             )
             keep = len(self._keyframes) - 1
             self._scores = np.column_stack([self._scores[:, -keep:][:, :keep], scores])
@@ -221,7 +220,7 @@ class Hypotheses:
         if not len(poses):
             return
         newest = self._keyframes[-1]
-        poses, scores, quality, information = self._fit(poses, newest, _DRIFT_M)
+        poses, scores, quality, information = self._fit(poses, newest, _NO_MOTION)
         order = np.argsort(-scores, kind="stable")
         order = order[scores[order] >= scores[order[0]] - _WORST]
         if len(self._keyframes) > 1:
@@ -233,8 +232,7 @@ class Hypotheses:
         for i in range(len(self._keyframes) - 2, -1, -1):
             earlier, later = self._keyframes[i], self._keyframes[i + 1]
             motion = later.odom_from_base.inverse() @ earlier.odom_from_base
-            moved = self._travel_since(earlier.odom_from_base, later.odom_from_base)
-            back, scores, quality, _ = self._fit(_moved(back, motion), earlier, moved)
+            back, scores, quality, _ = self._fit(_moved(back, motion), earlier, motion)
             columns, rated = np.column_stack([scores, columns]), np.column_stack([quality, rated])
             # What the later keyframes refute need not be followed further.
             totals = columns.sum(axis=1)
@@ -307,25 +305,22 @@ class Hypotheses:
         return np.asarray((away_m <= _AROUND_M) & (turned_rad <= _AROUND_RAD))
 
     def _fit(
-        self, poses: Array, keyframe: _Keyframe, moved: float
+        self, poses: Array, keyframe: _Keyframe, motion: SE2
     ) -> tuple[Array, Array, Array, Array]:
-        """Poses drawn to the map, their scores, qualities and information."""
-        drift = 1.0 + _DRIFT_SHARE * moved / _DRIFT_M
+        """Poses drawn to the map after a motion, their scores, qualities and information."""
+        way_m, turn_rad = _way_m(motion), abs(motion.yaw_rad)
         view = keyframe.view
         poses, information = refine(
-            self._rays.field, poses, view.points_m, prior_std_m=_DRIFT_M * drift,
-            prior_std_rad=_DRIFT_RAD * drift, return_std_m=_RETURN_STD_M, wide=2, narrow=3,
+            self._rays.field, poses, view.points_m,
+            prior_std_m=_DRIFT_M + _DRIFT_PER_WAY * way_m,
+            prior_std_rad=_DRIFT_RAD + _DRIFT_PER_TURN * turn_rad + _TURN_PER_M * way_m,
+            return_std_m=_RETURN_STD_M, wide=4, narrow=4,
         )  # fmt: skip
         counts, likelihoods = judge(self._rays, poses, view)
         scores = BEAM_WEIGHT * likelihoods
         for marker in keyframe.markers:
             scores = scores + marker.log_likelihoods(poses)
         return poses, scores, qualities(counts, self._dynamic_share), information
-
-    def _travel_since(self, one: SE2 | None, other: SE2) -> float:
-        if one is None:
-            return 0.0
-        return one.distance_m(other) + 0.25 * abs(wrap_angle(one.yaw_rad - other.yaw_rad))
 
     def _totals(self) -> Array:
         return np.asarray(self._scores.sum(axis=1))
@@ -360,6 +355,10 @@ def _shares(totals: Array, nowhere: float) -> Array:
     highest = max(float(totals.max(initial=nowhere)), nowhere)
     weights = portable_kernels.exp_each(np.append(totals, nowhere) - highest)
     return np.asarray(weights[:-1] / weights.sum())
+
+
+def _way_m(motion: SE2) -> float:
+    return motion.distance_m(_NO_MOTION)
 
 
 def _moved(poses: Array, motion: SE2) -> Array:
