@@ -125,6 +125,18 @@ class TestLogs:
         assert SE2(*fixes[-1]["pose"]).distance_m(drive.end) < 0.05
         assert np.array(fixes[-1]["covariance"]).shape == (3, 3)
 
+    def test_a_log_that_is_not_of_this_map_is_no_success(
+        self, drive: Drive, tmp_path: Path
+    ) -> None:
+        hall = offline.rectangle(40.0, 30.0)
+        other = write_map(tmp_path, "hall", hall.cells, hall.resolution_m, hall.origin)
+        arguments = ["--map", str(other), "--log", str(drive.csv(tmp_path / "log.csv"))]
+        result = RUNNER.invoke(app, ["localize", *arguments, "--global"])
+        assert isinstance(result.exception, ConfigError)
+        assert "localized at none of 120 scans" in str(result.exception)
+        states = {line.split(",")[1] for line in result.stdout.splitlines()[1:]}
+        assert states == {"searching"}
+
     def test_an_mcap_file_and_its_folder_give_the_same(self, drive: Drive, tmp_path: Path) -> None:
         file = drive.mcap(tmp_path / "bag")
         texts = [

@@ -67,7 +67,8 @@ def localize(
 ) -> None:
     """Localise on a recorded log, or let the robot of a running stack find itself.
 
-    With --map and --log, print the pose at each scan, and whether it is trusted.
+    With --map and --log, print the pose at each scan, and whether it is trusted. The exit code is 1
+    if it is trusted at none.
 
     With --global alone, let the robot of a running stack find itself on the whole map, and wait
     until it has. It moves if it has to. Ctrl-C ends the waiting, not the search.
@@ -114,3 +115,11 @@ def localize(
         print_json([fix.document() for fix in fixes])
     else:
         sys.stdout.write("\n".join([HEADER, *(fix.row() for fix in fixes)]) + "\n")
+    known = sum(fix.state == "localized" for fix in fixes)
+    sys.stdout.flush()
+    if known == 0:
+        raise ConfigError(
+            f"--log: {log_file}: localized at none of {len(fixes)} scans: must be recorded where "
+            f"{map_file} was made"
+        )
+    sys.stderr.write(f"localized at {known} of {len(fixes)} scans\n")
