@@ -23,6 +23,7 @@ from mazebot.localization.beam_model import (
 from mazebot.localization.global_search.hypotheses import BEAM_WEIGHT
 
 CERTAIN_QUALITY = 0.75
+"""From this quality on, a pose fits."""
 RIVAL = 6.0
 """Advantage in log-likelihood from which on another pose speaks against the estimate."""
 GATE = 16.27

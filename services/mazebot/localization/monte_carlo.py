@@ -586,8 +586,7 @@ class Localization:
         """The best pose on the map for a scan, if it is far likelier than the estimate."""
         assert given.map_from_odom is not None
         assert self._odom_from_base is not None
-        poses, counts, likelihoods = global_search(self._table, self._rays, view, _SEARCH_COUNT)
-        quality = qualities(counts, self._params.dynamic_share)
+        poses, counts, likelihoods, quality = self._search_map(view, math.inf)
         off = poses[:, :2] - np.array(self._set.pose[:2])
         near = portable.hypot_each(off[:, 0], off[:, 1]) <= _NEAR_M
         good = quality >= CERTAIN_QUALITY

@@ -41,7 +41,7 @@ class ParticleSet:
         self.pose = SE2(0.0, 0.0, 0.0)
         """The estimate: the mean of the heaviest cluster."""
         self.covariance = np.zeros((3, 3))
-        """Of that cluster."""
+        """Of all particles about the estimate."""
         self.converged = False
         self.settled = False
         """Whether it is so narrow that a robot at rest needs no more scans."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from mazebot.common.maths import portable
 from mazebot.common.maths.frames import SE2, Array, wrap_angle
+from mazebot.localization.candidates import GATE
 from mazebot.localization.marker_model import Sighting
 from mazebot.localization.params import LocalizationParams
 
@@ -21,8 +22,6 @@ another pose has what contradicts a pose to make it, before the robot is called 
 """
 _MOVED_M, _MOVED_RAD = 0.2, 0.35
 """Scans nearer to one another than this say the same."""
-_GATE = 16.27
-"""99.9 % of chi squared with three degrees of freedom."""
 _STRIKE_S = 2.0
 _AGREE_M, _AGREE_RAD = 0.3, 0.3
 
@@ -117,7 +116,7 @@ class PoseMonitor:
         """Whether a marker's sighting is far from the pose, and the one before it was, too, and
         both agree on another pose.
         """
-        if any(_squared_distance(s, map_from_base, covariance) <= _GATE for s in seen):
+        if any(_squared_distance(s, map_from_base, covariance) <= GATE for s in seen):
             self._strike = None
             return False
         base_from_odom = odom_from_base.inverse()

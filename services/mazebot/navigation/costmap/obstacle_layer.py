@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Iterable
 from typing import Final, Literal, TypeVar
 
 import numpy as np
@@ -326,10 +327,10 @@ class ObstacleLayer:
         """The window of cells that have been marked."""
         window = _window_of(cells)
         if window is not None:
-            self._note(np.array(window))
+            self._note(window)
         return window
 
-    def _note(self, changed: NDArray[np.int64]) -> None:
+    def _note(self, changed: Iterable[int]) -> None:
         a, b, c, d = self._extent
         e, f, g, h = (int(end) for end in changed)
         self._extent = (min(a, e), max(b, f), min(c, g), max(d, h))
