@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mazebot.common.maths import portable, portable_kernels
-from mazebot.common.maths.frames import SE2, Array, wrap_angle
+from mazebot.common.maths import portable_kernels
+from mazebot.common.maths.frames import SE2, Array
 from mazebot.localization import particle_filter as pf
 from mazebot.localization.beam_model import (
     HIT,
@@ -101,10 +101,8 @@ def _includes(pose: SE2, covariance: Array, other: SE2) -> bool:
     """Whether another pose is beside an estimate, or the estimate's covariance includes it."""
     if pose.is_near(other, BESIDE_M, _BESIDE_RAD):
         return True
-    turn_rad = wrap_angle(other.yaw_rad - pose.yaw_rad)
-    off = np.array([other.x_m - pose.x_m, other.y_m - pose.y_m, turn_rad])
     wider = covariance + np.diag(FOUND_VARIANCES)
-    return float(portable.product(off, portable.solve(wider, off))) <= GATE
+    return pf.squared_mahalanobis(other, pose, wider) <= GATE
 
 
 def std_m(covariance: Array) -> float:

@@ -596,16 +596,13 @@ class Localization:
         best = int(np.argmax(good))
         expected = given.map_from_odom @ self._odom_from_base
         covariance = given.covariance + np.diag(FOUND_VARIANCES)
-        off = poses[best] - np.array(expected)
-        off[2] = wrap_angle(float(off[2]))
-        squared = float(portable.product(off, portable.solve(covariance, off)))
+        pose = SE2(*poses[best].tolist())
         judged = float(counts[best].sum() - counts[best, OPEN] - counts[best, UNMAPPED])
-        x_m, y_m, yaw_rad = (float(value) for value in poses[best])
         return _Rival(
-            SE2(x_m, y_m, yaw_rad),
+            pose,
             float(quality[best]),
             float(counts[best, HIT]) / max(judged, 1.0),
-            squared <= GATE,
+            pf.squared_mahalanobis(pose, expected, covariance) <= GATE,
         )
 
     def _trust(self, reason: str, quality: float) -> None:

@@ -166,6 +166,18 @@ def kld_sample_size(
     return math.ceil((k - 1) / (2.0 * error) * (root * root * root))
 
 
+def difference(pose: SE2, other: SE2) -> Array:
+    """(3,) x, y and yaw of a pose, less those of another."""
+    turn_rad = wrap_angle(pose.yaw_rad - other.yaw_rad)
+    return np.array([pose.x_m - other.x_m, pose.y_m - other.y_m, turn_rad])
+
+
+def squared_mahalanobis(pose: SE2, other: SE2, covariance: Array) -> float:
+    """Squared Mahalanobis distance of two poses, by the (3, 3) covariance of x, y and yaw."""
+    off = difference(pose, other)
+    return float(portable.product(off, portable.solve(covariance, off)))
+
+
 def mean_and_covariance(particles: Array, weights: Array) -> tuple[SE2, Array]:
     """Weighted mean, its yaw a circular mean, and the (3, 3) covariance of (x, y, yaw) about it."""
     mean, covariance = _moments(particles, weights)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mazebot.common.maths import portable, portable_kernels
-from mazebot.common.maths.frames import SE2, Array, PlanarCovariance, wrap_angle
+from mazebot.common.maths.frames import SE2, Array, PlanarCovariance
 from mazebot.localization import particle_filter as pf
 from mazebot.localization.params import LocalizationParams
 
@@ -163,17 +163,9 @@ class ParticleSet:
             self.share = float(weights[cluster].sum())
             # Of one wide cluster every particle counts, not only those within its bin.
             if self.share < _ONE_CLUSTER and not self._is_one(weights, mean, covariance):
-                of_all, mean = (
-                    mean,
-                    pf.mean_and_covariance(self.poses[cluster], weights[cluster] / self.share)[0],
-                )
-                off = np.array(
-                    [
-                        of_all.x_m - mean.x_m,
-                        of_all.y_m - mean.y_m,
-                        wrap_angle(of_all.yaw_rad - mean.yaw_rad),
-                    ]
-                )
+                of_all = mean
+                mean, _ = pf.mean_and_covariance(self.poses[cluster], weights[cluster] / self.share)
+                off = pf.difference(of_all, mean)
                 covariance = covariance + np.outer(off, off)
             else:
                 self.share = 1.0

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mazebot.common.maths import portable
-from mazebot.common.maths.frames import SE2, Array, wrap_angle
+from mazebot.common.maths.frames import SE2, Array
+from mazebot.localization import particle_filter as pf
 from mazebot.localization.candidates import GATE
 from mazebot.localization.marker_model import Sighting
 from mazebot.localization.params import LocalizationParams
@@ -149,9 +150,4 @@ def _squared_distance(sighting: Sighting, map_from_base: SE2, covariance: Array)
     total[0, 1] += across
     total[1, 0] += across
     total[2, 2] += turn_2
-    off = [
-        sighting.map_from_base.x_m - map_from_base.x_m,
-        sighting.map_from_base.y_m - map_from_base.y_m,
-        wrap_angle(sighting.map_from_base.yaw_rad - map_from_base.yaw_rad),
-    ]
-    return float(portable.product(off, portable.solve(total, off)))
+    return pf.squared_mahalanobis(sighting.map_from_base, map_from_base, total)
