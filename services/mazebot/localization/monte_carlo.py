@@ -499,14 +499,23 @@ class Localization:
             )
             self._judge_given(self._given, view, fit)
         else:
-            self._doubt(stamp_ns, odom_from_base, view, counts[0], enough)
+            likelihood = float(likelihoods[0])
+            self._doubt(stamp_ns, odom_from_base, view, counts[0], likelihood, enough)
         if self._hypotheses is not None and self._view is not None:
             self._weigh_hypotheses(self._hypotheses, stamp_ns, odom_from_base, self._view[1])
 
     def _doubt(
-        self, stamp_ns: int, odom_from_base: SE2, view: ScanView, counts: Array, enough: bool
+        self,
+        stamp_ns: int,
+        odom_from_base: SE2,
+        view: ScanView,
+        counts: Array,
+        likelihood: float,
+        enough: bool,
     ) -> None:
-        """Whether a pose that was trusted still is, by the counts (7,) of beams there."""
+        """Whether a pose that was trusted still is, by the counts (7,) of beams there and the
+        log-likelihood of the scan.
+        """
         is_mapped = counts[UNMAPPED] <= _UNMAPPED_SHARE * max(view.returns, 1)
         spread_m = std_m(self._set.covariance)
         if not (is_mapped or self._monitor.is_suspect):
@@ -530,8 +539,7 @@ class Localization:
             # Another one is sought everywhere, a right one where it may be.
             near_m = BESIDE_M + _SIGMAS * spread_m
             found = self._search_map(view, math.inf if self._monitor.is_suspect else near_m)
-            _, (mine,) = judge(self._rays, np.array([self._set.pose]), view)
-            beside = poses_beside(found, view, self._set.pose, self._set.covariance, float(mine))
+            beside = poses_beside(found, view, self._set.pose, self._set.covariance, likelihood)
             if beside is not None:
                 # The particles were too few to be near them.
                 self._set.begin_at(beside.poses, beside.weights, np.diag(FOUND_VARIANCES))
