@@ -86,7 +86,7 @@ def plan(
     """
     from mazebot.common.maths.frames import SE2  # noqa: PLC0415
     from mazebot.navigation.errors import NavigationError  # noqa: PLC0415
-    from mazebot.navigation.planners import checked_planner, make_planner  # noqa: PLC0415
+    from mazebot.navigation.planners import make_planner  # noqa: PLC0415
     from mazebot.navigation.planning.interface import GridPlannerParams, PlannerParams  # noqa: PLC0415
 
     start_pose, goal_pose = SE2(*given_pose("--start", start)), SE2(*given_pose("--goal", goal))
@@ -103,7 +103,7 @@ def plan(
         footprint=footprint,
         allow_reverse=allow_reverse,
     )
-    chosen = checked_planner(planner, make_planner(planner, params))
+    chosen = make_planner(planner, params)
     try:
         if zones is not None and zones.keepout.size:
             costmap = _with_zones(costmap, zones, params, start_pose, goal_pose)

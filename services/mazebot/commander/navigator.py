@@ -29,7 +29,7 @@ from mazebot.common.client.actions import ActionClient, cancel_goal
 from mazebot.common.client.robot import Robot
 from mazebot.common.client.user_messages import initial_pose as pose_message
 from mazebot.common.config import ConfigError, one_line
-from mazebot.common.maths.frames import MAP_FRAME, SE2
+from mazebot.common.maths.frames import SE2
 from mazebot.common.messages import action_documents as act
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.documents import CancelGoal, Location, Planar
@@ -53,6 +53,7 @@ from mazebot.common.messages.topics import (
     Topic,
 )
 from mazebot.common.problems import WorldError
+from mazebot.common.ros.values import planar_of
 from mazebot.embedded.session import Session
 
 ENDPOINT = "tcp/127.0.0.1:7447"
@@ -509,13 +510,16 @@ class Navigator:
 
 
 def _planar(pose: PoseLike) -> Planar:
-    """Raises ConfigError for a pose of another frame or with numbers that are not finite."""
+    """Raises ConfigError for a pose of another frame, or with numbers that are no pose."""
     if isinstance(pose, Planar):
         return Planar(x_m=pose.x_m, y_m=pose.y_m, yaw_rad=pose.yaw_rad)
     if isinstance(pose, msg.PoseStamped):
-        if pose.header.frame_id not in ("", MAP_FRAME):
-            raise ConfigError(f"pose: frame_id {pose.header.frame_id!r}: must be 'map' or empty")
-        pose = msg.se2_from_pose(pose.pose)
+        try:
+            return planar_of(pose)
+        except ValidationError as error:
+            raise ConfigError(f"pose: {one_line(error)}") from error
+        except ValueError as error:
+            raise ConfigError(f"pose: {error}") from error
     values = [float(value) for value in pose]
     if len(values) not in (2, 3):
         raise ConfigError(f"pose: {tuple(values)}: must be x, y and yaw")

@@ -23,7 +23,7 @@ from mazebot.navigation.costmap.layered_costmap import GridFrame, LayeredCostmap
 from mazebot.navigation.costmap.zones import Zones
 from mazebot.navigation.drive import DepthSources, Drive
 from mazebot.navigation.own_class import OwnController
-from mazebot.navigation.planners import checked_planner, make_planner
+from mazebot.navigation.planners import make_planner
 from mazebot.navigation.planning.interface import PlannerParams
 from mazebot.navigation.robot.controller_server import ControllerServer
 from mazebot.navigation.robot.planner_server import PlannerServer
@@ -135,7 +135,7 @@ def made_planner_server(
     footprint = WAFFLE.padded(config.global_costmap.footprint_padding)
     params = planner_params(config, costmap.frame.resolution_m, footprint)
     planners = {
-        name: checked_planner(name, make_planner(name, params))
+        name: make_planner(name, params)
         for name in dict.fromkeys((config.planner_server.planner, "any_angle", "a_star"))
     }
     return PlannerServer(

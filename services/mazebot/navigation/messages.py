@@ -33,7 +33,7 @@ from mazebot.navigation.costmap.footprint import Footprint
 from mazebot.navigation.costmap.inflation_layer import Window
 from mazebot.navigation.costmap.layered_costmap import GridFrame, LayeredCostmap
 from mazebot.navigation.errors import NavigationError
-from mazebot.navigation.planning.path import PlannedPath, path_through, with_pieces_backwards
+from mazebot.navigation.planning.path import PlannedPath, dense, path_through, with_pieces_backwards
 
 _CHARGING = 1
 """sensor_msgs/msg/BatteryState.POWER_SUPPLY_STATUS_CHARGING"""
@@ -208,7 +208,7 @@ def planned_path(poses: Sequence[Planar], code: ErrorCode) -> PlannedPath:
         raise NavigationError(code, f"path of {len(poses)} poses: must be at least 2")
     points = np.array([[pose.x_m, pose.y_m] for pose in poses])
     yaws_rad = np.array([pose.yaw_rad for pose in poses])
-    return with_pieces_backwards(path_through(points, poses[-1].yaw_rad), yaws_rad)
+    return dense(with_pieces_backwards(path_through(points, poses[-1].yaw_rad), yaws_rad))
 
 
 def _follow_path(goal: act.FollowPath) -> actions.FollowPath:

@@ -8,6 +8,7 @@ import sysconfig
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -15,13 +16,14 @@ import numpy as np
 
 from mazebot.common.config import ConfigError
 from mazebot.common.files.root import ROOT
-from mazebot.common.maths.frames import SE2
+from mazebot.common.maths import portable
+from mazebot.common.maths.frames import SE2, Array
 from mazebot.navigation.control.collision import Surroundings, Velocity
 from mazebot.navigation.control.controller import Control, Controller, ControllerParams
 from mazebot.navigation.costmap.layered_costmap import Costmap
 from mazebot.navigation.errors import NavigationError
-from mazebot.navigation.planning.interface import GlobalPlanner
-from mazebot.navigation.planning.path import PlannedPath
+from mazebot.navigation.planning.interface import GlobalPlanner, PlannerParams
+from mazebot.navigation.planning.path import PlannedPath, dense
 
 _NOT_THEIRS = (
     str(Path(__file__).parents[1]),
@@ -49,16 +51,26 @@ class OwnClass:
         try:
             yield
         except Exception as error:
-            if isinstance(error, (*passed, OwnClassError)):
-                raise
-            raise self._raised(method, error) from error
+            if not isinstance(error, (*passed, OwnClassError)):
+                raise self._raised(method, error) from error
+            if isinstance(error, NavigationError) and not isinstance(error.code, int):
+                must = "a number, such as ErrorCode.NO_VALID_PATH"
+                what = f"raised NavigationError with the code {error.code!r:.40}"
+                raise self._wrong(method, what, must) from error
+            raise
 
     def refused(self, method: str, value: object, must: str) -> OwnClassError:
         """The error of a value that a method has returned."""
         shown = " ".join(repr(value).split())
+        return self.refused_with(method, f"{shown:.120}", must)
+
+    def refused_with(self, method: str, what: str, must: str) -> OwnClassError:
+        """The error of a value that a method has returned, which has something wrong."""
+        return self._wrong(method, f"returned {what}", must)
+
+    def _wrong(self, method: str, what: str, must: str) -> OwnClassError:
         return OwnClassError(
-            f"{self._what}: {self._line_of(method)}: {method}() returned {shown:.120}: must be "
-            f"{must}"
+            f"{self._what}: {self._line_of(method)}: {method}() {what}: must be {must}"
         )
 
     def _raised(self, method: str, error: Exception) -> OwnClassError:
@@ -94,13 +106,44 @@ def _shown(file: str) -> str:
         return file.removeprefix(f"{ROOT}/")
 
 
+def _is_number(value: object) -> bool:
+    return isinstance(value, float | int | np.floating) and math.isfinite(value)
+
+
 def is_velocity(value: object) -> bool:
     """Whether a value is a Velocity, or two numbers that are finite."""
     return (
         isinstance(value, tuple)
         and len(value) == len(Velocity._fields)
-        and all(isinstance(each, float | int | np.floating) for each in value)
-        and all(map(math.isfinite, value))
+        and all(map(_is_number, value))
+    )
+
+
+def _is_flag(value: object) -> bool:
+    return isinstance(value, bool | np.bool_)
+
+
+def _copied(costmap: Costmap) -> Costmap:
+    """Of its own arrays: what a user's class writes into them must not blind the rest."""
+    return replace(costmap, costs=costmap.costs.copy(), distance_m=costmap.distance_m.copy())
+
+
+def _copied_around(around: Surroundings) -> Surroundings:
+    forbidden = around.forbidden
+    return replace(
+        around,
+        costmap=_copied(around.costmap),
+        echoes_m=around.echoes_m.copy(),
+        forbidden=None if forbidden is None else forbidden.copy(),
+    )
+
+
+def _copied_path(path: PlannedPath) -> PlannedPath:
+    return replace(
+        path,
+        points_m=path.points_m.copy(),
+        yaws_rad=path.yaws_rad.copy(),
+        along_m=path.along_m.copy(),
     )
 
 
@@ -131,7 +174,10 @@ class OwnController:
     def path(self) -> PlannedPath | None:
         """See Controller."""
         with self._own.calling("path"):
-            return self._controller.path
+            path = self._controller.path
+        if not isinstance(path, PlannedPath | None):
+            raise self._own.refused("path", path, "the PlannedPath that it was given, or None")
+        return path
 
     @property
     def index(self) -> int:
@@ -143,27 +189,42 @@ class OwnController:
     def xy_reached(self) -> bool:
         """See Controller."""
         with self._own.calling("xy_reached"):
-            return bool(self._controller.xy_reached)
+            reached = self._controller.xy_reached
+        if not _is_flag(reached):
+            raise self._own.refused("xy_reached", reached, "True or False")
+        return bool(reached)
 
     @property
     def velocity(self) -> Velocity:
         """See Controller."""
         with self._own.calling("velocity"):
-            return self._controller.velocity
+            velocity = self._controller.velocity
+        if not is_velocity(velocity):
+            raise self._own.refused("velocity", velocity, _VELOCITY)
+        return Velocity(*velocity)
 
     def set_path(self, path: PlannedPath, same_goal: bool) -> None:
         """See Controller."""
         with self._own.calling("set_path", NavigationError):
-            self._controller.set_path(path, same_goal)
+            self._controller.set_path(_copied_path(path), same_goal)
 
     def step(self, elapsed_s: float, around: Surroundings) -> Control:
         """See Controller."""
         with self._own.calling("step", NavigationError):
-            made = self._controller.step(elapsed_s, around)
+            made = self._controller.step(elapsed_s, _copied_around(around))
         if not isinstance(made, Control) or not is_velocity(made.velocity):
             must = "a Control, with a Velocity of two finite numbers"
             raise self._own.refused("step", made, must)
-        return made
+        for name in ("reached", "blocked"):
+            if not _is_flag(getattr(made, name)):
+                raise self._own.refused("step", made, f"a Control, with {name} True or False")
+        if not _is_number(made.distance_remaining_m) or made.distance_remaining_m < 0.0:
+            must = "a Control, with distance_remaining_m of at least 0, and finite"
+            raise self._own.refused("step", made, must)
+        return Control(
+            Velocity(*made.velocity), bool(made.reached), bool(made.blocked),
+            float(made.distance_remaining_m),
+        )  # fmt: skip
 
     def stop(self) -> None:
         """See Controller."""
@@ -171,58 +232,98 @@ class OwnController:
             self._controller.stop()
 
 
+_VELOCITY = "a Velocity of two finite numbers"
+
+
 def _check_command(controller: Any, own: OwnClass) -> None:
     """Check what the method returns that a class derived from one of Mazebot's bases defines: the
     base computes with it before anybody else sees it.
     """
-    for method, must, is_right in (
-        ("command", "a Velocity of two finite numbers", is_velocity),
-        ("_drive", "a Velocity of two finite numbers, and whether the way is blocked", _is_drive),
-    ):
+    for method, must, is_right, as_made in (
+        ("command", _VELOCITY, is_velocity, lambda made: Velocity(*made)),
+        (
+            "_drive", f"{_VELOCITY}, and whether the way is blocked", _is_drive,
+            lambda made: (Velocity(*made[0]), bool(made[1])),
+        ),
+    ):  # fmt: skip
         if not hasattr(controller, method):
             continue
         inner = getattr(controller, method)
 
         def checked(
             *given: Any, inner: Any = inner, method: str = method, must: str = must,
-            is_right: Any = is_right,
+            is_right: Any = is_right, as_made: Any = as_made,
         ) -> Any:  # fmt: skip
             with own.calling(method, NavigationError):
                 made = inner(*given)
             if not is_right(made):
                 raise own.refused(method, made, must)
-            return made
+            return as_made(made)
 
         setattr(controller, method, checked)
 
 
 def _is_drive(value: object) -> bool:
-    return isinstance(value, tuple) and len(value) == 2 and is_velocity(value[0])
+    return (
+        isinstance(value, tuple)
+        and len(value) == 2
+        and is_velocity(value[0])
+        and _is_flag(value[1])
+    )
 
 
 class OwnPlanner:
     """A user's planner, whose every call is checked."""
 
-    def __init__(self, spec: str, planner: GlobalPlanner) -> None:
+    def __init__(self, spec: str, planner: GlobalPlanner, params: PlannerParams) -> None:
         self._own = OwnClass("planner", spec, type(planner))
         self._planner = planner
+        self._params = params
 
     def plan(
         self, costmap: Costmap, start: SE2, goal: SE2, tolerance_m: float = 0.0
     ) -> PlannedPath:
         """See GlobalPlanner."""
         with self._own.calling("plan", NavigationError):
-            path = self._planner.plan(costmap, start, goal, tolerance_m)
+            path = self._planner.plan(_copied(costmap), start, goal, tolerance_m)
         must = "a PlannedPath of two points or more, (n, 2), with n yaws, all finite"
         if not isinstance(path, PlannedPath):
             raise self._own.refused("plan", path, must)
         with self._own.calling("plan"):
-            points_m, yaws_rad = np.asarray(path.points_m, float), np.asarray(path.yaws_rad, float)
-            along_m = np.asarray(path.along_m, float)
+            points_m, yaws_rad, along_m = (
+                np.array(part, np.float64) for part in (path.points_m, path.yaws_rad, path.along_m)
+            )
         count = len(points_m)
         shapes = (points_m.shape, yaws_rad.shape, along_m.shape)
         if count < 2 or shapes != ((count, 2), (count,), (count,)):
-            raise self._own.refused("plan", f"shapes {shapes}", must)
+            raise self._own.refused_with("plan", f"shapes {shapes}", must)
         if not all(np.isfinite(part).all() for part in (points_m, yaws_rad, along_m)):
-            raise self._own.refused("plan", "a number that is not finite", must)
-        return path
+            raise self._own.refused_with("plan", "a number that is not finite", must)
+        steps_m = portable.hypot_each(*np.diff(points_m, axis=0).T)
+        if along_m[0] != 0.0 or np.abs(np.diff(along_m) - steps_m).max() > _ALONG_ERROR_M:
+            must = "the length of the path up to each point, as path_through() makes it"
+            raise self._own.refused_with("plan", "along_m that is not right", must)
+        self._check_ends(points_m, costmap.frame.resolution_m, start, goal, tolerance_m)
+        return dense(replace(path, points_m=points_m, yaws_rad=yaws_rad, along_m=along_m))
+
+    def _check_ends(
+        self, points_m: Array, cell_m: float, start: SE2, goal: SE2, tolerance_m: float
+    ) -> None:
+        """A path that leads elsewhere would be driven, and its end taken for the goal."""
+        settings = self._params.settings
+        for name, place, wanted, within_m in (
+            ("begins", points_m[0], start, settings.start_tolerance),
+            ("ends", points_m[-1], goal, max(tolerance_m, settings.tolerance)),
+        ):
+            x_m, y_m = place.tolist()
+            if math.hypot(x_m - wanted.x_m, y_m - wanted.y_m) > within_m + _END_CELLS * cell_m:
+                raise self._own.refused_with(
+                    "plan",
+                    f"a path that {name} at ({x_m:.2f}, {y_m:.2f})",
+                    f"one that {name} at ({wanted.x_m:.2f}, {wanted.y_m:.2f})",
+                )
+
+
+_ALONG_ERROR_M = 1e-3
+_END_CELLS = 2.0
+"""So many cells away from where it should be, an end of a path may lie: in a cell's centre."""

@@ -28,22 +28,19 @@ class AStar(Planner):
 PLANNERS: Final[dict[str, type[GlobalPlanner]]] = {"any_angle": AnyAngle, "a_star": AStar}
 
 
-def checked_planner(name: str, planner: GlobalPlanner) -> GlobalPlanner:
-    """A planner, whose calls are checked if it is a user's own."""
-    return planner if name in PLANNERS else OwnPlanner(name, planner)
-
-
 def make_planner(name: str, params: PlannerParams) -> GlobalPlanner:
     """A planner: `any_angle`, `a_star`, "my_package.my_module:MyPlanner" or "FILE.py:MyPlanner".
 
-    A class of a user's own is made with the PlannerParams. Raises ConfigError, in one line.
+    A class of a user's own is made with the PlannerParams, and its calls are checked. Raises
+    ConfigError, in one line.
     """
     found = load_plugin(name, GlobalPlanner, "planner", PLANNERS)
     try:
-        return cast("GlobalPlanner", found(params))
+        made = cast("GlobalPlanner", found(params))
     except Exception as error:
         text = " ".join(str(error).split())
         raise ConfigError(
             f"planner: {name:.120}: cannot be constructed with PlannerParams: "
             f"{type(error).__name__}: {text:.200}"
         ) from error
+    return made if name in PLANNERS else OwnPlanner(name, made, params)

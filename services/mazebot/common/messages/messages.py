@@ -266,6 +266,11 @@ def se2_from_pose(pose: Pose) -> SE2:
     return SE2(pose.position.x, pose.position.y, yaw_from_quaternion(q.x, q.y, q.z, q.w))
 
 
+def is_unit(q: Quaternion) -> bool:
+    """Whether a quaternion is a rotation, as far as its numbers go: only then has it a heading."""
+    return abs(q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w - 1.0) < 1e-3
+
+
 def pose_from_se3(pose: SE3) -> Pose:
     """Pose message of a spatial pose."""
     return Pose(position=Point(*pose.position_m), orientation=Quaternion(*pose.orientation_xyzw))

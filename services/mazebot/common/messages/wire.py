@@ -498,8 +498,7 @@ def _beams(scan: msg.LaserScan) -> str:
 
 
 def _unit(q: msg.Quaternion) -> str:
-    norm = q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w
-    return "" if abs(norm - 1.0) < 1e-3 else "quaternion not normalized"
+    return "" if msg.is_unit(q) else "quaternion not normalized"
 
 
 def _frames(tree: msg.TFMessage) -> str:

@@ -23,8 +23,11 @@ def check_in_map(header: msg.Header) -> None:
 
 
 def planar_of(pose: msg.PoseStamped) -> Planar:
-    """A pose in the map. Raises ValueError where it is in another frame."""
+    """A pose in the map. Raises ValueError where it is in another frame, or is no rotation."""
     check_in_map(pose.header)
+    q = pose.pose.orientation
+    if not msg.is_unit(q):
+        raise ValueError(f"orientation ({q.x:g}, {q.y:g}, {q.z:g}, {q.w:g}): must have length 1")
     planar = msg.se2_from_pose(pose.pose)
     return Planar(x_m=planar.x_m, y_m=planar.y_m, yaw_rad=planar.yaw_rad)
 

@@ -15,6 +15,8 @@ from mazebot.common.maths.kernels import kernel
 
 _BACKWARDS_M: Final = 1.0
 """No longer piece of a path that somebody gives is driven backwards."""
+_LONGEST_LEG_M: Final = 0.1
+_MOST_LEGS: Final = 100_000
 _PARALLEL_COS: Final = 0.98
 """Of the angle between two directions that are one."""
 
@@ -109,6 +111,26 @@ def resample(points_m: Array, spacing_m: float) -> Array:
     at_m = np.linspace(0.0, along_m[-1], count + 1)
     return np.stack(
         [np.interp(at_m, along_m, points_m[:, 0]), np.interp(at_m, along_m, points_m[:, 1])], axis=1
+    )
+
+
+def dense(path: PlannedPath) -> PlannedPath:
+    """The path with points between those that are more than 0.1 m apart: where the robot is on it,
+    and whether it is free, is found out at its points.
+    """
+    longest_m = max(_LONGEST_LEG_M, path.length_m / _MOST_LEGS)
+    parts = np.maximum(np.ceil(np.diff(path.along_m) / longest_m - 1e-9), 1.0).astype(np.int64)
+    if parts.max() == 1:
+        return path
+    leg = np.repeat(np.arange(len(parts)), parts)
+    share = (np.arange(len(leg)) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[leg]
+    along_m = path.along_m
+    at_m = np.append(along_m[leg] + share * np.diff(along_m)[leg], along_m[-1])
+    return replace(
+        path,
+        points_m=np.stack([np.interp(at_m, along_m, axis) for axis in path.points_m.T], axis=1),
+        yaws_rad=np.append(path.yaws_rad[leg], path.yaws_rad[-1]),
+        along_m=at_m,
     )
 
 

@@ -9,6 +9,7 @@ from mazebot.navigation.behavior.motions.motion import (
     Moment,
     Motion,
     MotionStep,
+    is_over,
     toward,
 )
 from mazebot.navigation.control.collision import STOP, Velocity
@@ -39,7 +40,7 @@ class AssistedTeleop(Motion):
         self.feedback = at.running_s
         if self._finished:
             return DONE
-        if at.running_s > self._time_allowance_s:
+        if is_over(at.running_s, self._time_allowance_s):
             raise NavigationError(
                 ErrorCode.ASSISTED_TELEOP_TIMEOUT,
                 f"AssistedTeleop: exceeded the time allowance of {self._time_allowance_s:.1f} s",

@@ -15,6 +15,7 @@ from mazebot.navigation.behavior.motions.motion import (
     Moment,
     Motion,
     MotionStep,
+    is_over,
     toward,
 )
 from mazebot.navigation.control.collision import Velocity
@@ -69,7 +70,7 @@ class DriveOnHeading(Motion):
         braking_m_s = -p.deceleration_limit * at.elapsed_s
         if left_m <= 0.0 and self._speed_m_s <= braking_m_s:
             return DONE
-        if at.running_s > goal.time_allowance_s:
+        if is_over(at.running_s, goal.time_allowance_s):
             raise NavigationError(
                 self.timeout,
                 f"{self.name}: exceeded the time allowance of {goal.time_allowance_s:.1f} s: drove "

@@ -114,6 +114,11 @@ STANDING = MotionStep(False, STOP)
 DONE = MotionStep(True, STOP)
 
 
+def is_over(running_s: float, time_allowance_s: float) -> bool:
+    """Whether a behaviour has used up its time; an allowance of 0, or below, is none, as in Nav2."""
+    return 0.0 < time_allowance_s < running_s
+
+
 def toward(last: float, wanted: float, most: float) -> float:
     """The speed nearest to a wanted one that differs from the last by no more than `most`."""
     return min(max(wanted, last - most), last + most)

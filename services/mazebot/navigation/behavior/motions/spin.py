@@ -14,6 +14,7 @@ from mazebot.navigation.behavior.motions.motion import (
     Motion,
     MotionStep,
     TimeToCollision,
+    is_over,
     toward,
 )
 from mazebot.navigation.control.collision import Velocity
@@ -51,7 +52,7 @@ class Spin(Motion):
         change_rad_s = p.rotational_acc_lim * at.elapsed_s
         if left_rad <= 0.0 and abs(self._rate_rad_s) <= change_rad_s:
             return DONE
-        if at.running_s > goal.time_allowance_s:
+        if is_over(at.running_s, goal.time_allowance_s):
             raise NavigationError(
                 ErrorCode.SPIN_TIMEOUT,
                 f"Spin: exceeded the time allowance of {goal.time_allowance_s:.1f} s: turned "

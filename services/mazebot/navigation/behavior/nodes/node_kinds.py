@@ -7,6 +7,7 @@ from types import MappingProxyType
 from typing import Final
 
 from mazebot.common.config import ConfigError
+from mazebot.navigation.behavior.engine.ports import READERS, Port
 from mazebot.navigation.behavior.engine.tree import Node, NodeStatus, TreeError
 from mazebot.navigation.behavior.nodes import (
     branches,
@@ -171,7 +172,22 @@ def node_class(kind: str) -> type[Node] | None:
     found = load_plugin(kind, Node, "behavior tree node")
     if not issubclass(found, Node):
         raise ConfigError(f"behavior tree node: {kind:.120}: must be derived from Node")
+    _check_ports(kind, found.ports)
     return found
+
+
+def _check_ports(kind: str, ports: object) -> None:
+    source = f"behavior tree node: {kind:.120}: ports"
+    if not isinstance(ports, tuple):
+        raise ConfigError(f"{source}: {ports!r:.80}: must be a tuple of Port, such as (Port('a'),)")
+    for port in ports:
+        if not isinstance(port, Port) or not isinstance(port.name, str):
+            raise ConfigError(f"{source}: {port!r:.80}: must be a Port")
+        if port.type not in READERS:
+            names = ", ".join(READERS)
+            raise ConfigError(
+                f"{source}: {port.name}: type {port.type!r:.40}: must be one of {names}"
+            )
 
 
 def is_own(kind: str) -> bool:
@@ -184,6 +200,9 @@ def checked_node(kind: str, node: Node) -> Node:
     if not is_own(kind):
         return node
     own, tick, halt = OwnClass("behavior tree node", kind, type(node)), node._tick, node._halt
+    if not all(hasattr(node, name) for name in ("place", "children", "status")):
+        must = "a Node: it calls super().__init__(place, children)"
+        raise own.refused_with("__init__", f"{type(node).__name__} without what a node has", must)
 
     def checked_tick(now_ns: int) -> NodeStatus:
         with own.calling("_tick", TreeError, NavigationError):
