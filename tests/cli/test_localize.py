@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -20,6 +22,7 @@ from mazebot.common.world.map_files import write_map
 from tests.localization import offline
 
 RUNNER = CliRunner()
+Row = tuple[int, SE2 | None, np.ndarray | None]
 HEADER = "time_s,odom_x_m,odom_y_m,odom_yaw_rad"
 
 
@@ -48,22 +51,24 @@ class Drive:
         path.write_text("\n".join(lines) + "\n")
         return path
 
-    def mcap(self, folder: Path) -> Path:
+    def mcap(self, folder: Path, rows: Sequence[Row] = ()) -> Path:
+        """A bag of the rows, of which each may lack odometry or ranges; empty: of the drive."""
         store = msg.TYPESTORE
         with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
             odom = writer.add_connection("/odom", "nav_msgs/msg/Odometry", typestore=store)
             scan = writer.add_connection("/scan", "sensor_msgs/msg/LaserScan", typestore=store)
-            for stamp_ns, pose, ranges in self.rows:
-                message = msg.Odometry(
-                    msg.header(stamp_ns, "odom"),
-                    "base_footprint",
-                    msg.PoseWithCovariance(msg.pose_from_se2(pose), np.zeros(36)),
-                    msg.TwistWithCovariance(
-                        msg.Twist(msg.Vector3(0.0, 0.0, 0.0), msg.Vector3(0.0, 0.0, 0.0)),
-                        np.zeros(36),
-                    ),
-                )
-                writer.write(odom, stamp_ns, store.serialize_cdr(message, odom.msgtype))
+            for stamp_ns, pose, ranges in rows or self.rows:
+                if pose is not None:
+                    message = msg.Odometry(
+                        msg.header(stamp_ns, "odom"),
+                        "base_footprint",
+                        msg.PoseWithCovariance(msg.pose_from_se2(pose), np.zeros(36)),
+                        msg.TwistWithCovariance(
+                            msg.Twist(msg.Vector3(0.0, 0.0, 0.0), msg.Vector3(0.0, 0.0, 0.0)),
+                            np.zeros(36),
+                        ),
+                    )
+                    writer.write(odom, stamp_ns, store.serialize_cdr(message, odom.msgtype))
                 if ranges is not None:
                     sweep = msg.LaserScan(
                         msg.header(stamp_ns, "base_scan"), 0.0, 0.0, math.tau / 360, 0.0, 0.1,
@@ -132,8 +137,8 @@ class TestLogs:
         other = write_map(tmp_path, "hall", hall.cells, hall.resolution_m, hall.origin)
         arguments = ["--map", str(other), "--log", str(drive.csv(tmp_path / "log.csv"))]
         result = RUNNER.invoke(app, ["localize", *arguments, "--global"])
-        assert isinstance(result.exception, ConfigError)
-        assert "localized at none of 120 scans" in str(result.exception)
+        assert result.exit_code == 1
+        assert "localized at none of 120 scans" in result.stderr
         states = {line.split(",")[1] for line in result.stdout.splitlines()[1:]}
         assert states == {"searching"}
 
@@ -192,3 +197,45 @@ class TestMistakes:
     def test_a_map_that_is_not_there(self, tmp_path: Path, drive: Drive) -> None:
         with pytest.raises(ConfigError, match=r"none\.yaml"):
             told("--map", str(tmp_path / "none.yaml"), "--log", str(drive.csv(tmp_path / "l.csv")))
+
+
+class TestScansAndOdometry:
+    """Odometry that comes rarely, or ends: the pose is that at the scan's time, or none."""
+
+    def fixes(
+        self, drive: Drive, folder: Path, every: int, until: int | None = None
+    ) -> tuple[list[dict[str, Any]], str]:
+        """By a bag with every so manyth pose of odometry, and none from a step on."""
+        told_of = [
+            (stamp_ns, pose if i % every == 0 and (until is None or i < until) else None, ranges)
+            for i, (stamp_ns, pose, ranges) in enumerate(drive.rows)
+        ]
+        bag = drive.mcap(folder / "bag", told_of)
+        begin = [str(value) for value in drive.start]
+        arguments = ["--map", str(drive.map), "--log", str(bag), "--start", *begin, "--json"]
+        result = RUNNER.invoke(app, ["localize", *arguments, "--lidar", "0", "0", "0"])
+        if isinstance(result.exception, ConfigError):
+            raise result.exception
+        assert result.exit_code == 0
+        return json.loads(result.stdout), result.stderr
+
+    def test_rare_odometry_makes_no_pose_late(self, drive: Drive, tmp_path: Path) -> None:
+        often, _ = self.fixes(drive, tmp_path / "often", 1)
+        rare, _ = self.fixes(drive, tmp_path / "rare", 10)
+        at = {fix["time_s"]: SE2(*fix["pose"]) for fix in often}
+        off_m = [at[fix["time_s"]].distance_m(SE2(*fix["pose"])) for fix in rare]
+        assert len(off_m) > 100
+        assert np.mean(off_m) < 0.03
+
+    def test_scans_after_the_end_of_odometry_are_not_counted(
+        self, drive: Drive, tmp_path: Path
+    ) -> None:
+        fixes, said = self.fixes(drive, tmp_path, 1, until=160)
+        ended_s = drive.rows[159][0] * 1e-9
+        assert fixes[-1]["time_s"] < ended_s + 0.25
+        assert f"localized at {len(fixes)} of {len(fixes)} scans; " in said
+        assert f"{120 - len(fixes)} left out, without odometry at their time" in said
+
+    def test_most_scans_without_odometry_are_no_success(self, drive: Drive, tmp_path: Path) -> None:
+        with pytest.raises(ConfigError, match="must be at least half of them"):
+            self.fixes(drive, tmp_path, 1, until=60)

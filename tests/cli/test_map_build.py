@@ -12,6 +12,8 @@ import pytest
 from typer.testing import CliRunner
 
 from mazebot.cli.app import app
+from mazebot.cli.map import build_run
+from mazebot.cli.map.build_run import turn_disagreement
 from mazebot.common.config import ConfigError
 from mazebot.common.messages.slam_documents import PoseGraph
 from mazebot.common.world.map_files import read_map
@@ -200,6 +202,44 @@ class TestLogsAsTheyAre:
         (said,) = (line for line in wrong.stderr.splitlines() if "warning" in line)
         assert f"--log: {log}: the scans do not fit each other" in said
         assert "--angle-increment" in said
+
+    def test_scans_that_turn_against_odometry_are_told(
+        self, hall: Hall, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """Mirrored, they may fit each other as well as ever."""
+        times_s = np.arange(60.0)
+        yaws = 3.0 * np.sin(0.2 * times_s)
+        odometry = np.stack([times_s, times_s, 0.0 * times_s, yaws + 0.01 * times_s], axis=1)
+        poses = np.stack([times_s, 0.0 * times_s, wrapped(yaws)], axis=1)
+        assert turn_disagreement(times_s, poses, odometry) < 0.1
+        assert turn_disagreement(times_s, poses * (1.0, 1.0, -1.0), odometry) > 1.5
+        straight = odometry * (1.0, 1.0, 1.0, 0.01)
+        assert turn_disagreement(times_s, poses * (1.0, 1.0, -0.01), straight) == 0.0
+        monkeypatch.setattr(build_run, "turn_disagreement", lambda *_: 1.99)
+        log = self.written(tmp_path, self.lines(hall, every=3))
+        options = ("map", "build", "--log", str(log), "--out", str(tmp_path / "out"))
+        (said,) = (
+            line for line in RUNNER.invoke(app, options).stderr.splitlines() if "warning" in line
+        )
+        assert f"--log: {log}: the scans do not turn as odometry does: by 199 %" in said
+
+    def test_scans_after_the_robot_was_carried_off_are_told(
+        self, hall: Hall, tmp_path: Path
+    ) -> None:
+        log = self.written(tmp_path, self.lines(hall, every=1))
+        options = ("map", "build", "--log", str(log), "--out", str(tmp_path / "out"))
+        mirrored = RUNNER.invoke(
+            app,
+            [*options, "--angle-min", str(math.pi / 2), "--angle-increment", str(-math.pi / 180)],
+        )
+        assert mirrored.exit_code != 0
+        (said,) = (line for line in mirrored.stderr.splitlines() if "warning" in line)
+        assert "of 180 scans were left out, after the robot was carried off: check" in said
+        assert "--angle-increment" in said
+
+
+def wrapped(angles_rad: np.ndarray) -> np.ndarray:
+    return np.mod(angles_rad + math.pi, math.tau) - math.pi
 
 
 def _away_m(points: np.ndarray, segment: np.ndarray) -> np.ndarray:

@@ -402,28 +402,44 @@ class Localization:
         self._set.weigh(portable_kernels.log_each(likelihood + self._params.marker_outlier))
         return True
 
-    def pose(self) -> tuple[SE2, Array]:
-        """map_from_base at the latest odometry and its (3, 3) covariance of (x, y, yaw).
+    def has_odometry(self, stamp_ns: int) -> bool:
+        """Whether there is odometry for a time."""
+        return self._history.at(stamp_ns) is not None
+
+    def pose(self, stamp_ns: int | None = None) -> tuple[SE2, Array]:
+        """map_from_base at the latest odometry, or at a time for which there is odometry, and its
+        (3, 3) covariance of (x, y, yaw).
 
         While the pose is sought it is that of the likeliest hypothesis, with the spread of all.
         Raises RuntimeError where there is none yet.
         """
-        pose = self.map_from_base()
-        if self._odom_from_base is None:
-            return pose, self._set.covariance.copy()
+        if not self._known:
+            raise RuntimeError("the pose is not known: no initial pose was given")
+        before_from_then = self._before_from(stamp_ns)
+        if before_from_then is None:
+            return self._set.pose, self._set.covariance.copy()
+        pose = self._set.pose @ before_from_then
         if self._hypotheses is not None and len(self._hypotheses):
             return pose, self._spread_of(self._hypotheses.weighed())
-        before_from_now = self._odom_from_base.inverse() @ self._history.latest[1]
-        return pose, self._set.moved_covariance(before_from_now) + self._raster_covariance
+        return pose, self._set.moved_covariance(before_from_then) + self._raster_covariance
+
+    def _before_from(self, stamp_ns: int | None) -> SE2 | None:
+        """Where odometry has the robot at a time, or at the latest, from where it was at the last
+        update; None: there is no odometry yet.
+        """
+        if self._odom_from_base is None:
+            return None
+        at = self._history.latest[1] if stamp_ns is None else self._history.at(stamp_ns)
+        if at is None:
+            raise RuntimeError(f"there is no odometry for the time {stamp_ns} ns")
+        return self._odom_from_base.inverse() @ at
 
     def map_from_base(self) -> SE2:
         """The pose alone. Raises RuntimeError where there is none yet."""
         if not self._known:
             raise RuntimeError("the pose is not known: no initial pose was given")
-        if self._odom_from_base is None:
-            return self._set.pose
-        before_from_now = self._odom_from_base.inverse() @ self._history.latest[1]
-        return self._set.pose @ before_from_now
+        before_from_now = self._before_from(None)
+        return self._set.pose if before_from_now is None else self._set.pose @ before_from_now
 
     def map_from_odom(self) -> SE2:
         """The correction of odometry. Raises RuntimeError where there is no pose yet."""

@@ -20,7 +20,6 @@ from mazebot.common.maths.frames import (
     Array,
     PlanarCovariance,
     pose_matrix,
-    se2_from_matrix,
 )
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.action_documents import Reply
@@ -33,7 +32,7 @@ from mazebot.common.messages.documents import (
     Planar,
     World,
 )
-from mazebot.common.messages.scan import Scan
+from mazebot.common.messages.scan import Mount, Scan
 from mazebot.common.messages.topics import (
     AMCL_POSE,
     DETECTIONS,
@@ -346,8 +345,7 @@ class LocalizationNode(Node):
             _LOG.info("Setting pose: %.3f %.3f %.3f", *pose)
 
     def _take_scan(self, localization: Localization, scan: msg.LaserScan) -> None:
-        base_from_scan = se2_from_matrix(self._base_from[SCAN_FRAME])
-        taken = Scan.from_message(scan, base_from_scan)
+        taken = Scan.from_message(scan, Mount.of(self._base_from[SCAN_FRAME]))
         if self._slip.scan(taken):
             localization.correct_odometry(self._slip.corrected)
         localization.scan(taken)

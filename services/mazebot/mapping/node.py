@@ -14,11 +14,10 @@ from mazebot.common.maths.frames import (
     SCAN_FRAME,
     SE2,
     Array,
-    se2_from_matrix,
 )
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.documents import LocalizationStatus, World
-from mazebot.common.messages.scan import Scan
+from mazebot.common.messages.scan import Mount, Scan
 from mazebot.common.messages.slam_documents import PoseGraph
 from mazebot.common.messages.topics import (
     AMCL_POSE,
@@ -246,7 +245,7 @@ class MappingNode(Node):
         return slam
 
     def _take_scan(self, slam: Slam, scan: msg.LaserScan) -> None:
-        taken = Scan.from_message(scan, se2_from_matrix(self._base_from[SCAN_FRAME]))
+        taken = Scan.from_message(scan, Mount.of(self._base_from[SCAN_FRAME]))
         if self._slip.scan(taken):
             slam.correct_odometry(self._slip.corrected)
         slam.scan(taken)

@@ -19,7 +19,6 @@ from mazebot.common.maths.frames import (
     SCAN_FRAME,
     SE2,
     Array,
-    se2_from_matrix,
 )
 from mazebot.common.messages import action_documents as act
 from mazebot.common.messages import messages as msg
@@ -32,7 +31,7 @@ from mazebot.common.messages.documents import (
     World,
 )
 from mazebot.common.messages.error_codes import ErrorCode
-from mazebot.common.messages.scan import Scan
+from mazebot.common.messages.scan import Mount, Scan
 from mazebot.common.messages.topics import (
     ACTION_FEEDBACK,
     ACTION_RESULT,
@@ -169,9 +168,9 @@ class NavigationNode(Node):
         self._map: msg.OccupancyGrid | None = None
         self._entities: Entities | None = None
         self._static_frames = FrameTree()
-        self._base_from_scan: SE2 | None = None
+        self._lidar: Mount | None = None
         self._base_from_camera: Array | None = None
-        self._base_from_depth: SE2 | None = None
+        self._depth_camera: Mount | None = None
         self._camera: msg.CameraInfo | None = None
         self._drive: Drive | None = None
         self._measured = Measurements()
@@ -211,7 +210,7 @@ class NavigationNode(Node):
             return "the world"
         if self._drive is None:
             return "the map"
-        if self._base_from_scan is None:
+        if self._lidar is None:
             return "static transforms on /tf_static"
         if self._measured.odom is None:
             return "odometry"
@@ -318,9 +317,9 @@ class NavigationNode(Node):
             self._update_docks()
         if self._static_frames.receive(inbox, TF_STATIC):
             scan = self._static_frames.chain(BASE_FOOTPRINT_FRAME, SCAN_FRAME)
-            self._base_from_scan = None if scan is None else se2_from_matrix(scan)
+            self._lidar = None if scan is None else Mount.of(scan)
             depth = self._static_frames.chain(BASE_FOOTPRINT_FRAME, CAMERA_FRAME)
-            self._base_from_depth = None if depth is None else se2_from_matrix(depth)
+            self._depth_camera = None if depth is None else Mount.of(depth)
             self._base_from_camera = self._static_frames.chain(
                 BASE_FOOTPRINT_FRAME, CAMERA_OPTICAL_FRAME
             )
@@ -462,15 +461,15 @@ class NavigationNode(Node):
 
     def _take_scans(self, inbox: Inbox) -> None:
         """Read the scans, oldest first: the costmaps, the moving obstacles and the echoes."""
-        measured, base_from_scan = self._measured, self._base_from_scan
+        measured, lidar = self._measured, self._lidar
         for message, envelope in inbox.arrivals(SCAN):
             measured.sources[SCAN.name] = envelope.source
             stamp_ns = msg.ns_from_time(message.header.stamp)
             if not self._watch.is_of_this_run(stamp_ns, SCAN, inbox):
                 continue
-            if measured.odom is None or base_from_scan is None:
+            if measured.odom is None or lidar is None:
                 continue
-            scan = Scan.from_message(message, base_from_scan)
+            scan = Scan.from_message(message, lidar)
             measured.take_scan(scan)
             if self._drive is not None:
                 self._drive.take_scan(scan, measured, self._watch.epoch)
@@ -481,9 +480,9 @@ class NavigationNode(Node):
             stamp_ns, measured = msg.ns_from_time(message.header.stamp), self._measured
             if not self._watch.is_of_this_run(stamp_ns, DEPTH_SCAN, inbox):
                 continue
-            if self._drive is None or measured.odom is None or self._base_from_depth is None:
+            if self._drive is None or measured.odom is None or self._depth_camera is None:
                 continue
-            scan = Scan.from_message(message, self._base_from_depth)
+            scan = Scan.from_message(message, self._depth_camera)
             if any(self._drive.depth_sources):
                 measured.take_depth(stamp_ns)
             self._drive.take_depth_scan(scan, message.intensities, measured, self._watch.epoch)

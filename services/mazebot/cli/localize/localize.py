@@ -20,6 +20,7 @@ from mazebot.cli.logs.options import (
     RangeMin,
     ScanTopic,
     scan_form,
+    warn_of_place,
 )
 from mazebot.cli.logs.read import read_log
 from mazebot.cli.parsing.options import ROUTER, Connect, Json, print_json
@@ -102,11 +103,13 @@ def localize(
     if draw is not None and not draw.parent.is_dir():
         raise ConfigError(f"--draw: {draw}: {draw.parent} is not a folder")
     log = read_log(log_file, form, Topics(scan_topic, odom_topic))
-    if log.retimed:
-        sys.stderr.write(f"{log_file}: {log.remark()}\n")
-    fixes = list(run(chart, log, begin, base_from_scan, seed))
-    if not fixes:
-        raise ConfigError(f"--log: {log_file}: has no scan with odometry at its time")
+    for remark in log.remarks():
+        sys.stderr.write(f"{log_file}: {remark}\n")
+    if base_from_scan is None:
+        warn_of_place(log_file, log)
+    done = run(chart, log, begin, base_from_scan, seed)
+    fixes, left_out = done.found, done.without_odometry
+    _check_used(log_file, len(fixes), left_out)
     if draw is not None:
         from mazebot.cli.localize.localize_drawing import draw_fixes  # noqa: PLC0415 - loads OpenCV
 
@@ -118,8 +121,21 @@ def localize(
     known = sum(fix.state == "localized" for fix in fixes)
     sys.stdout.flush()
     if known == 0:
-        raise ConfigError(
+        sys.stderr.write(
             f"--log: {log_file}: localized at none of {len(fixes)} scans: must be recorded where "
-            f"{map_file} was made"
+            f"{map_file} was made\n"
         )
-    sys.stderr.write(f"localized at {known} of {len(fixes)} scans\n")
+        raise typer.Exit(1)
+    rest = f"; {left_out} left out, without odometry at their time" if left_out else ""
+    sys.stderr.write(f"localized at {known} of {len(fixes)} scans{rest}\n")
+
+
+def _check_used(log_file: Path, used: int, without_odometry: int) -> None:
+    """Raises ConfigError where most scans could not be used."""
+    if not used:
+        raise ConfigError(f"--log: {log_file}: has no scan with odometry at its time")
+    if used < without_odometry:
+        raise ConfigError(
+            f"--log: {log_file}: {used} of {used + without_odometry} scans have odometry at their "
+            "time: must be at least half of them"
+        )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +10,6 @@ import numpy as np
 from mazebot.cli.logs.log import Log
 from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import SE2, Array
-from mazebot.common.robot.waffle import BASE_FROM_SCAN
 
 if TYPE_CHECKING:
     from mazebot.common.world.map_files import MapFile
@@ -53,10 +51,19 @@ class Fix:
         }
 
 
+@dataclass
+class Fixes:
+    """The pose at each scan of a log, and the scans of which none can be told."""
+
+    found: list[Fix]
+    without_odometry: int = 0
+    """Scans with no odometry at their time: before it begins, after it ends, or in a gap."""
+
+
 def run(
     chart: MapFile, log: Log, start: SE2 | None, base_from_scan: SE2 | None, seed: int
-) -> Iterator[Fix]:
-    """The pose at each scan of a log. None as `start`: from nothing.
+) -> Fixes:
+    """Localise on a log. None as `start`: from nothing.
 
     Raises ConfigError if the map cannot be used.
     """
@@ -77,15 +84,20 @@ def run(
     else:
         std = np.array(_START_STD)
         localization.initialize(start, np.diag(std * std))
-    place = base_from_scan or log.base_from_scan or BASE_FROM_SCAN
+    fixes = Fixes([])
     for step in log.steps():
         if step.odom_from_base is not None:
             localization.odometry(step.stamp_ns, step.odom_from_base)
-        if step.scan is not None:
-            localization.scan(step.scan.at(place, step.stamp_ns))
-            yield _fix(step.stamp_ns * 1e-9, localization)
+        if step.scan is None:
+            continue
+        if not localization.has_odometry(step.stamp_ns):
+            fixes.without_odometry += 1
+            continue
+        localization.scan(step.scan.at(base_from_scan, step.stamp_ns))
+        fixes.found.append(_fix(step.stamp_ns, localization))
+    return fixes
 
 
-def _fix(time_s: float, localization: Localization) -> Fix:
-    pose, covariance = localization.pose() if localization.initialized else (None, None)
-    return Fix(time_s, localization.state, localization.quality, pose, covariance)
+def _fix(stamp_ns: int, localization: Localization) -> Fix:
+    pose, covariance = localization.pose(stamp_ns) if localization.initialized else (None, None)
+    return Fix(stamp_ns * 1e-9, localization.state, localization.quality, pose, covariance)

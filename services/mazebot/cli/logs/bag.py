@@ -3,42 +3,57 @@
 from __future__ import annotations
 
 import math
+import statistics
 import sys
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mazebot.cli.bags.bag import Bag, opened, problem_of
+from mazebot.cli.logs.frames import BASES, FixedFrames, last_part
 from mazebot.cli.logs.log import Entry, Log, LoggedScan, Topics
 from mazebot.common.config import ConfigError
-from mazebot.common.maths.frames import SE2
+from mazebot.common.maths.frames import se2_from_matrix
 from mazebot.common.messages import messages as msg
+from mazebot.common.messages.scan import Mount
 from mazebot.common.problems import words
 
 _MOVING, _STATIC = "/tf", "/tf_static"
 _ODOMETRY, _SCAN = "nav_msgs/msg/Odometry", "sensor_msgs/msg/LaserScan"
 _TRANSFORMS = "tf2_msgs/msg/TFMessage"
-_BASES = ("base_footprint", "base_link")
+_SET_BACK_NS = 1_000_000_000
+"""A topic whose stamps go back by more, and on from there: its clock was set back."""
+
+
+class _Told(NamedTuple):
+    """A message: when it was logged, its stamp, 0 for none, and what it says."""
+
+    log_ns: int
+    stamp_ns: int
+    says: Any
 
 
 @dataclass
 class _Found:
-    """What the messages of a bag say."""
+    """What the messages of a bag say, in the order of logging."""
 
-    scans: list[Entry] = field(default_factory=list)
-    odometry: list[Entry] = field(default_factory=list)
-    transforms: list[Entry] = field(default_factory=list)
-    frames: dict[str, tuple[str, SE2]] = field(default_factory=dict)
-    """Of each frame that is fixed in another one: the other, and its pose there."""
+    scans: list[_Told] = field(default_factory=list)
+    odometry: list[_Told] = field(default_factory=list)
+    transforms: dict[tuple[str, str], list[_Told]] = field(default_factory=dict)
+    """Of a base that moves, by its parent and itself."""
+    frames: FixedFrames = field(default_factory=FixedFrames)
+    without_number: int = 0
+    """Poses of odometry that are not finite."""
+    without_direction: int = 0
+    """Scans whose beams have no direction."""
 
     @property
-    def lidars(self) -> set[str]:
+    def lidars(self) -> list[str]:
         """The frames of the scans."""
-        return {entry.scan.frame_id for entry in self.scans if entry.scan}
+        return sorted({told.says.frame_id for told in self.scans})
 
 
 def read(path: Path, topics: Topics) -> Log:
@@ -47,22 +62,112 @@ def read(path: Path, topics: Topics) -> Log:
     Raises ConfigError with one line that names file and topic, and what is wrong.
     """
     found = _Found()
-    types = {topics.odom: _ODOMETRY, topics.scan: _SCAN, _STATIC: _TRANSFORMS}
+    spaces = {"", topics.scan.rstrip("/").rpartition("/")[0]}
+    moving, static = ({f"{space}{name}" for space in spaces} for name in (_MOVING, _STATIC))
+    types = {topics.odom: _ODOMETRY, topics.scan: _SCAN, **dict.fromkeys(static, _TRANSFORMS)}
     with opened(path, "--log") as bag:
-        _take(found, bag, path, types, topics)
-        is_mounted = all(_base_from(found.frames, one) is not None for one in found.lidars)
-        if not found.odometry or (not is_mounted and _MOVING in bag.topics_of(_TRANSFORMS)):
-            _take(found, bag, path, {_MOVING: _TRANSFORMS}, topics)
+        _take(found, bag, path, types, static)
+        mounts = _mounts(path, found)
+        if not found.odometry or (None in mounts.values() and moving & bag.topics_of(_TRANSFORMS)):
+            _take(found, bag, path, dict.fromkeys(moving, _TRANSFORMS), static)
+            mounts = _mounts(path, found)
         # First, for it may be why a topic has no messages.
         for file, what in bag.damaged.items():
             sys.stderr.write(f"warning: --log: {words(path)}: left out: {words(file)}: {what}\n")
+        if not found.scans and found.without_direction:
+            raise ConfigError(
+                f"--log: {path}: {topics.scan}: angle_min and angle_increment must be finite "
+                "radians, and the increment not 0"
+            )
         if not found.scans:
             raise ConfigError(_missing(path, bag, topics.scan, _SCAN, "--scan-topic"))
         if not found.odometry and not found.transforms:
             raise ConfigError(_missing(path, bag, topics.odom, _ODOMETRY, "--odom-topic"))
-    entries = [*(found.odometry or found.transforms), *found.scans]
+    return _log(found, mounts)
+
+
+def _log(found: _Found, mounts: Mapping[str, Mount | None]) -> Log:
+    poses = found.odometry or _of_base(found.transforms, found.lidars)
+    steps_ns: list[int] = []
+    lag_ns = _lag_ns([*poses, *found.scans])
+    entries = [
+        Entry(time_ns, told.says, None)
+        for time_ns, told in zip(_times_ns(poses, lag_ns, steps_ns), poses, strict=True)
+    ]
+    entries += [
+        Entry(time_ns, None, _mounted(told.says, mounts[told.says.frame_id]))
+        for time_ns, told in zip(_times_ns(found.scans, lag_ns, steps_ns), found.scans, strict=True)
+    ]
     entries.sort(key=lambda entry: (entry.stamp_ns, entry.scan is not None))
-    return Log(entries, _base_from(found.frames, min(found.lidars)))
+    return Log(
+        entries,
+        unstamped=sum(not told.stamp_ns for told in found.scans),
+        clock_set_back=len(steps_ns),
+        odometry_left_out=found.without_number,
+        scans_left_out=found.without_direction,
+        unplaced=tuple(frame for frame in found.lidars if mounts[frame] is None),
+    )
+
+
+def _mounts(path: Path, found: _Found) -> dict[str, Mount | None]:
+    try:
+        return {frame: found.frames.mount_of(frame) for frame in found.lidars}
+    except ConfigError as error:
+        raise ConfigError(f"--log: {path}: {error}") from error
+
+
+def _mounted(scan: LoggedScan, mount: Mount | None) -> LoggedScan:
+    if mount is None:
+        return scan
+    return replace(
+        scan,
+        base_from_scan=mount.base_from_scan,
+        angle_min_rad=mount.angle_rad(scan.angle_min_rad),
+        angle_increment_rad=mount.angle_rad(scan.angle_increment_rad),
+    )
+
+
+def _of_base(
+    transforms: Mapping[tuple[str, str], list[_Told]], lidars: Collection[str]
+) -> list[_Told]:
+    """The poses of the robot that has these lidars, in odometry's frame where it has one."""
+    prefixes = {frame.rpartition("/")[0] for frame in lidars}
+
+    def rank(ends: tuple[str, str]) -> tuple[bool, bool, int]:
+        parent, child = ends
+        is_own = child.rpartition("/")[0] in prefixes
+        return is_own, "odom" in last_part(parent), len(transforms[ends])
+
+    return transforms[max(transforms, key=rank)]
+
+
+def _lag_ns(messages: Iterable[_Told]) -> int:
+    """By what the clock of logging is ahead of the stamps."""
+    lags = [told.log_ns - told.stamp_ns for told in messages if told.stamp_ns]
+    return statistics.median_low(lags) if lags else 0
+
+
+def _times_ns(series: list[_Told], lag_ns: int, steps_ns: list[int]) -> list[int]:
+    """The times of a topic's messages: their stamps, or where they have none the time of logging.
+
+    After its clock was set back they go on from there, as much later as they were logged: by
+    `steps_ns`, which are those of the bag, and of which new ones are added.
+    """
+    own_ns = [told.stamp_ns or told.log_ns - lag_ns for told in series]
+    times_ns: list[int] = []
+    newest_ns, moved_ns, steps = None, 0, 0
+    for i, time_ns in enumerate(own_ns):
+        # A single one that comes late is no clock that was set.
+        next_ns = own_ns[i + 1] if i + 1 < len(own_ns) else time_ns
+        if newest_ns is not None and max(time_ns, next_ns) + moved_ns < newest_ns - _SET_BACK_NS:
+            if steps == len(steps_ns):
+                passed_ns = max(series[i].log_ns - series[i - 1].log_ns, 1)
+                steps_ns.append(newest_ns + passed_ns - (time_ns + moved_ns))
+            moved_ns += steps_ns[steps]
+            steps += 1
+        times_ns.append(time_ns + moved_ns)
+        newest_ns = max(times_ns[-1], times_ns[-1] if newest_ns is None else newest_ns)
+    return times_ns
 
 
 def _missing(path: Path, bag: Bag, topic: str, kind: str, option: str) -> str:
@@ -82,7 +187,9 @@ def _names(topics: Iterable[str]) -> str:
     return ", ".join(sorted(topics))
 
 
-def _take(found: _Found, bag: Bag, path: Path, types: dict[str, str], topics: Topics) -> None:
+def _take(
+    found: _Found, bag: Bag, path: Path, types: Mapping[str, str], static: Collection[str]
+) -> None:
     """Read some topics, given with their types."""
     wanted = [connection for connection in bag.connections if connection.topic in types]
     for connection in wanted:
@@ -93,8 +200,14 @@ def _take(found: _Found, bag: Bag, path: Path, types: dict[str, str], topics: To
             )
         if problem := problem_of(connection):
             raise ConfigError(f"--log: {path}: {connection.topic} {problem}")
-    for connection, _, data in bag.messages(wanted):
-        _add(found, connection.topic, _decoded(path, connection, data), topics)
+    for connection, log_ns, data in bag.messages(wanted):
+        message = _decoded(path, connection, data)
+        if connection.msgtype == _TRANSFORMS:
+            _add_transforms(found, log_ns, message, is_static=connection.topic in static)
+        elif connection.msgtype == _ODOMETRY:
+            _add_pose(found, log_ns, message)
+        else:
+            _add_scan(found, log_ns, message)
 
 
 def _decoded(path: Path, connection: Any, data: bytes) -> Any:
@@ -106,51 +219,44 @@ def _decoded(path: Path, connection: Any, data: bytes) -> Any:
         ) from error
 
 
-def _add(found: _Found, topic: str, message: Any, topics: Topics) -> None:
-    if topic in (_STATIC, _MOVING):
-        for transform in message.transforms:
-            # ROS 1 begins them with a slash.
-            parent = transform.header.frame_id.lstrip("/")
-            child = transform.child_frame_id.lstrip("/")
-            pose = _planar(msg.matrix_from_transform(transform.transform))
-            if topic == _STATIC:
-                found.frames[child] = (parent, pose)
-            elif parent == "odom" and child in _BASES:
-                stamp_ns = msg.ns_from_time(transform.header.stamp)
-                found.transforms.append(Entry(stamp_ns, pose, None))
-            else:
-                # Where nothing latches, fixed transforms come again and again.
-                found.frames.setdefault(child, (parent, pose))
+def _add_transforms(found: _Found, log_ns: int, message: Any, is_static: bool) -> None:
+    for transform in message.transforms:
+        # ROS 1 begins them with a slash.
+        parent = transform.header.frame_id.lstrip("/")
+        child = transform.child_frame_id.lstrip("/")
+        matrix = msg.matrix_from_transform(transform.transform)
+        if not np.isfinite(matrix).all():
+            found.without_number += 1
+        elif is_static:
+            found.frames.fix(child, parent, matrix)
+        elif last_part(child) in BASES and last_part(parent) not in BASES:
+            stamp_ns = msg.ns_from_time(transform.header.stamp)
+            poses = found.transforms.setdefault((parent, child), [])
+            poses.append(_Told(log_ns, stamp_ns, se2_from_matrix(matrix)))
+        else:
+            # Where nothing latches, fixed transforms come again and again.
+            found.frames.fix_first(child, parent, matrix)
+
+
+def _add_pose(found: _Found, log_ns: int, message: Any) -> None:
+    pose = msg.se2_from_pose(message.pose.pose)
+    if not all(map(math.isfinite, pose)):
+        found.without_number += 1
         return
-    stamp_ns = msg.ns_from_time(message.header.stamp)
-    if topic == topics.odom:
-        found.odometry.append(Entry(stamp_ns, msg.se2_from_pose(message.pose.pose), None))
+    found.odometry.append(_Told(log_ns, msg.ns_from_time(message.header.stamp), pose))
+
+
+def _add_scan(found: _Found, log_ns: int, message: Any) -> None:
+    angle_min_rad, step_rad = float(message.angle_min), float(message.angle_increment)
+    if not (math.isfinite(angle_min_rad) and math.isfinite(step_rad) and step_rad):
+        found.without_direction += 1
         return
     scan = LoggedScan(
         np.asarray(message.ranges, np.float32),
-        float(message.angle_min),
-        float(message.angle_increment),
+        angle_min_rad,
+        step_rad,
         float(message.range_min),
         float(message.range_max),
         message.header.frame_id.lstrip("/"),
     )
-    found.scans.append(Entry(stamp_ns, None, scan))
-
-
-def _base_from(frames: dict[str, tuple[str, SE2]], frame: str) -> SE2 | None:
-    """base_footprint or base_link from a frame, by the static transforms; None if unknown."""
-    pose, found = SE2(0.0, 0.0, 0.0), False
-    for _ in range(16):
-        if frame == "base_footprint" or (frame == "base_link" and frame not in frames):
-            return pose if found else None
-        if frame not in frames:
-            return None
-        frame, parent_from_frame = frames[frame]
-        pose, found = parent_from_frame @ pose, True
-    return None
-
-
-def _planar(matrix: NDArray[np.float64]) -> SE2:
-    """The planar part of a rigid (4, 4) matrix."""
-    yaw_rad = math.atan2(float(matrix[1, 0]), float(matrix[0, 0]))
-    return SE2(float(matrix[0, 3]), float(matrix[1, 3]), yaw_rad)
+    found.scans.append(_Told(log_ns, msg.ns_from_time(message.header.stamp), scan))

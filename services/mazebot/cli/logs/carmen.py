@@ -98,9 +98,9 @@ def read(path: Path, lines: Iterable[str], form: ScanForm) -> Log:
     sweeps = found.sweeps[kind]
     if kind == "RAWLASER1" and not found.odometry:
         raise ConfigError(f"--log: {path}: has RAWLASER1 without ODOM: must have both")
-    entries, retimed = _in_time(sweeps, form, [] if sweeps[0].robot else found.odometry)
     place = _base_from_scan(sweeps, found.offset_m)
-    return Log(entries, place, int(damage is not None), retimed)
+    entries, retimed = _in_time(sweeps, form, [] if sweeps[0].robot else found.odometry, place)
+    return Log(entries, int(damage is not None), retimed)
 
 
 def _add(found: _Found, where: Where, words: list[str], whole: bool) -> None:
@@ -200,7 +200,7 @@ def _is_number(text: str) -> bool:
 
 
 def _in_time(
-    sweeps: list[_Sweep], form: ScanForm, odometry: list[tuple[int, _Times, SE2]]
+    sweeps: list[_Sweep], form: ScanForm, odometry: list[tuple[int, _Times, SE2]], place: SE2
 ) -> tuple[list[Entry], int]:
     """Entries with times that grow, and how many scans have no time of their own."""
     by_ipc, by_logger = (_steps_on(sweeps, clock) for clock in (0, 1))
@@ -209,7 +209,7 @@ def _in_time(
     if ordered != sweeps and (_way(ordered) > _way(sweeps) or _clock_was_set(sweeps, clock)):
         ordered = sweeps
     limit_m = _no_return_m(ordered)
-    scans = [_scan(sweep, limit_m, form) for sweep in ordered]
+    scans = [_scan(sweep, limit_m, form, place) for sweep in ordered]
     times_s, retimed = growing([sweep.times_s[clock] for sweep in ordered])
     odometry_s, _ = growing([both[clock] for _, both, _ in odometry])
     if odometry and 2 * retimed > len(sweeps):
@@ -269,7 +269,7 @@ def _no_return_m(sweeps: list[_Sweep]) -> float:
     return min(_FARTHEST_M, top)
 
 
-def _scan(sweep: _Sweep, limit_m: float, form: ScanForm) -> LoggedScan:
+def _scan(sweep: _Sweep, limit_m: float, form: ScanForm, place: SE2) -> LoggedScan:
     """A SICK's no return may be dark or dazzled: it measured nothing, not even free space."""
     farthest = min(limit_m, sweep.farthest_m) if sweep.farthest_m > 0.0 else limit_m
     ranges = sweep.ranges_m.copy()
@@ -282,6 +282,7 @@ def _scan(sweep: _Sweep, limit_m: float, form: ScanForm) -> LoggedScan:
         sweep.step_rad if form.angle_increment_rad is None else form.angle_increment_rad,
         least,
         longest,
+        base_from_scan=place,
     )
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import SE2
+from mazebot.common.robot.waffle import BASE_FROM_SCAN
 
 if TYPE_CHECKING:
     from mazebot.common.messages.scan import Scan
@@ -34,9 +35,13 @@ class LoggedScan:
     range_min_m: float
     range_max_m: float
     frame_id: str = ""
+    base_from_scan: SE2 | None = None
+    """The lidar's pose on the robot; None: the log does not say it."""
 
-    def at(self, base_from_scan: SE2, stamp_ns: int) -> Scan:
-        """The scan, by a lidar at this place of the robot."""
+    def at(self, base_from_scan: SE2 | None, stamp_ns: int) -> Scan:
+        """The scan, by a lidar at this place of the robot; None: where the log has it, or else the
+        TurtleBot3's.
+        """
         # It loads Numba, which no other command needs.
         from mazebot.common.messages.scan import Scan  # noqa: PLC0415
 
@@ -46,7 +51,7 @@ class LoggedScan:
             self.angle_increment_rad,
             self.range_min_m,
             self.range_max_m,
-            base_from_scan,
+            base_from_scan or self.base_from_scan or BASE_FROM_SCAN,
             stamp_ns,
         )
 
@@ -62,27 +67,65 @@ class Entry:
 
 @dataclass
 class Log:
-    """All entries, the earliest first, and the lidar's pose where the log has it."""
+    """All entries, the earliest first."""
 
     entries: list[Entry]
-    base_from_scan: SE2 | None = None
     skipped: int = 0
     """Lines left out: the last one, where it is cut off."""
     retimed: int = 0
     """Scans whose time is not later than that of the ones before: they follow them in the file's
     order, at times that are made up.
     """
+    unstamped: int = 0
+    """Scans whose stamp is 0: their time is that of logging."""
+    clock_set_back: int = 0
+    """How often the clock of the stamps was set back: what follows goes on from there."""
+    odometry_left_out: int = 0
+    """Poses that are not finite."""
+    scans_left_out: int = 0
+    """Scans whose beams have no direction: angles that are not finite, or an increment of 0."""
+    unplaced: tuple[str, ...] = ()
+    """Frames of lidars of which the log should say where they are, and does not."""
 
     @property
     def scans(self) -> int:
         """How many scans there are."""
         return sum(entry.scan is not None for entry in self.entries)
 
-    def remark(self) -> str:
-        """What to say of the times, if some are made up."""
+    def remarks(self) -> list[str]:
+        """What to say of times and poses that are not used as they are."""
+        found = []
+        if self.retimed:
+            found.append(
+                f"{self.retimed} of {self.scans} scans are not later than those before: they "
+                "follow in the file's order, at times that are made up"
+            )
+        if self.unstamped:
+            found.append(
+                f"{self.unstamped} of {self.scans} scans have the stamp 0: they are taken to be of "
+                "when they were logged"
+            )
+        if self.clock_set_back:
+            times = "once" if self.clock_set_back == 1 else f"{self.clock_set_back} times"
+            found.append(f"the clock was set back {times}: what follows goes on from there")
+        if self.odometry_left_out:
+            found.append(f"{self.odometry_left_out} poses of odometry are not finite: left out")
+        if self.scans_left_out:
+            found.append(
+                f"{self.scans_left_out} scans have an angle_min or angle_increment that is not "
+                "finite, or an increment of 0: left out"
+            )
+        return found
+
+    def warning_of_place(self) -> str:
+        """What to say where a lidar's pose is not known, in one line; empty: it is."""
+        frames = ", ".join(f"{frame!r:.60}" for frame in self.unplaced)
+        if not frames:
+            return ""
         return (
-            f"{self.retimed} of {self.scans} scans are not later than those before: they follow in "
-            "the file's order, at times that are made up"
+            f"no transforms lead from the scans' frame {frames} to base_footprint or base_link: "
+            f"the lidar is taken to be at {BASE_FROM_SCAN.x_m} 0 0 on the robot: --lidar says "
+            "where it is"
         )
 
     def steps(self) -> Iterator[Entry]:

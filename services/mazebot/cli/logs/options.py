@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from mazebot.cli.logs.log import ScanForm
+from mazebot.cli.logs.log import Log, ScanForm
 from mazebot.cli.parsing.poses import POSE
 from mazebot.common.config import ConfigError
 from mazebot.common.robot.waffle import BASE_FROM_SCAN
@@ -70,3 +71,9 @@ def scan_form(
             f"--range-max: {range_max}: must be > --range-min, {least}, which is >= 0"
         )
     return ScanForm(angle_min, angle_increment, range_min, range_max)
+
+
+def warn_of_place(log_file: Path, log: Log) -> None:
+    """Say on standard error where the log should have the lidar's pose, and has not."""
+    if warning := log.warning_of_place():
+        sys.stderr.write(f"warning: --log: {log_file}: {warning}\n")

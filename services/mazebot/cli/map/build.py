@@ -22,6 +22,7 @@ from mazebot.cli.logs.options import (
     RangeMin,
     ScanTopic,
     scan_form,
+    warn_of_place,
 )
 from mazebot.cli.logs.read import read_log
 from mazebot.cli.map.relations import RelationErrors, read_relations, relation_errors
@@ -38,6 +39,10 @@ if TYPE_CHECKING:
 MAP, GRAPH = "map", "pose_graph.json"
 TRAJECTORY, TRAJECTORY_TUM = "trajectory.csv", "trajectory.tum"
 _JUMPS_SHOWN = 5
+_MOST_TURN_DISAGREEMENT = 0.6
+"""Of good logs: 0.01 to 0.3; of beams in the wrong sense: 1.1 to 2."""
+_MANY_CARRIED_OFF = 0.2
+"""Of the scans: a robot that is carried off finds itself where it has been."""
 _LEAST_FIT, _GOOD_FIT = 0.5, 0.7
 """Of the median scan: of a SICK's logs with a scan each metre, 0.87 to 0.97; with wrong directions
 of the beams, 0.1 to 0.5.
@@ -86,6 +91,8 @@ def build(
     slam_params = _params(params)
     say_first(f"reading {log_file}", as_json)
     log = read_log(log_file, form, Topics(scan_topic, odom_topic))
+    if base_from_scan is None:
+        warn_of_place(log_file, log)
 
     from mazebot.cli.map.build_run import run  # noqa: PLC0415 - loads Numba
 
@@ -96,8 +103,9 @@ def build(
                 f"{done} of {scans} scans, {slam.keyframes} keyframes, {slam.loops} loops"
             ),
         )  # fmt: skip
-    _check_used(log_file, built)
+    # First, for it may be why scans could not be used.
     _warn_of_fit(log_file, built)
+    _check_used(log_file, built)
     errors = None
     if known is not None:
         errors = relation_errors(built.times_s, built.poses, known, built.odometry)
@@ -106,7 +114,12 @@ def build(
         from mazebot.cli.map.build_drawing import draw_built  # noqa: PLC0415 - loads OpenCV
 
         draw_built(draw, built)
-    figures = {**built.figures(), "scans_retimed": log.retimed, "lines_left_out": log.skipped}
+    figures = {
+        **built.figures(),
+        "scans_retimed": log.retimed,
+        "lines_left_out": log.skipped,
+        "remarks": log.remarks(),
+    }
     if errors is not None:
         figures["relations"] = errors.document()
     if as_json:
@@ -140,9 +153,7 @@ def _check_used(log_file: Path, built: Built) -> None:
     """Raises ConfigError where most scans could not be used: a map of a small part of a log is not
     the map that was asked for.
     """
-    from mazebot.mapping.slam import TOO_SOON  # noqa: PLC0415 - loads Numba
-
-    used, wanted = len(built.times_s), built.scans - built.slam.left_out[TOO_SOON]
+    used, wanted = _used(built)
     if 2 * used < wanted:
         raise ConfigError(
             f"--log: {log_file}: {used} of {wanted} scans could be used, "
@@ -151,14 +162,41 @@ def _check_used(log_file: Path, built: Built) -> None:
 
 
 def _warn_of_fit(log_file: Path, built: Built) -> None:
-    """Say where the scans do not fit each other: what they make is hardly a map."""
-    if built.fit_median < _LEAST_FIT:
-        sys.stderr.write(
-            f"warning: --log: {log_file}: the scans do not fit each other: "
-            f"{100.0 * built.fit_median:.0f} % of a scan's returns lie where those before saw "
-            f"walls, by the median: should be {100.0 * _LEAST_FIT:.0f} % or more: "
-            "check --angle-min, --angle-increment and --lidar\n"
-        )
+    """Say where the scans fit neither each other nor odometry: what they make is hardly a map."""
+    from mazebot.mapping.slam import CARRIED_OFF  # noqa: PLC0415 - loads Numba
+
+    _, wanted = _used(built)
+    carried_off = built.slam.left_out[CARRIED_OFF]
+    for is_wrong, what, check in (
+        (
+            built.fit_median < _LEAST_FIT,
+            f"the scans do not fit each other: {100.0 * built.fit_median:.0f} % of a scan's "
+            "returns lie where those before saw walls, by the median: should be "
+            f"{100.0 * _LEAST_FIT:.0f} % or more",
+            "--angle-min, --angle-increment and --lidar",
+        ),
+        (
+            built.turn_disagreement > _MOST_TURN_DISAGREEMENT,
+            f"the scans do not turn as odometry does: by {100.0 * built.turn_disagreement:.0f} % "
+            f"of its turns otherwise: should be {100.0 * _MOST_TURN_DISAGREEMENT:.0f} % or less",
+            "whether --angle-increment has the right sign, the lidar hangs upside down, and "
+            "odometry's yaw is in radians",
+        ),
+        (
+            carried_off > _MANY_CARRIED_OFF * wanted,
+            f"{carried_off} of {wanted} scans were left out, {CARRIED_OFF}",
+            "--angle-min, --angle-increment and --lidar",
+        ),
+    ):
+        if is_wrong:
+            sys.stderr.write(f"warning: --log: {log_file}: {what}: check {check}\n")
+
+
+def _used(built: Built) -> tuple[int, int]:
+    """How many scans were used, and how many should be."""
+    from mazebot.mapping.slam import TOO_SOON  # noqa: PLC0415 - loads Numba
+
+    return len(built.times_s), built.scans - built.slam.left_out[TOO_SOON]
 
 
 def _reasons(left_out: Mapping[str, int]) -> str:
@@ -191,8 +229,7 @@ def _remarks(log: Log, figures: dict[str, Any]) -> list[tuple[str, str]]:
         rows.append(("left out", f"scans: {reasons}"))
     if figures["lines_left_out"]:
         rows.append(("left out", "the last line, which is cut off"))
-    if log.retimed:
-        rows.append(("times", log.remark()))
+    rows += [("times", remark) for remark in log.remarks()]
     jumps = figures["odometry_jumps"]
     for jump in jumps[:_JUMPS_SHOWN]:
         rows.append(

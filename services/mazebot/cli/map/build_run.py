@@ -13,7 +13,6 @@ import numpy as np
 from mazebot.cli.logs.log import Log
 from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import SE2, Array
-from mazebot.common.robot.waffle import BASE_FROM_SCAN
 
 if TYPE_CHECKING:
     from mazebot.common.messages.slam_documents import PoseGraph
@@ -21,6 +20,7 @@ if TYPE_CHECKING:
     from mazebot.mapping.slam import Slam
 
 _PROGRESS_EVERY = 50
+_LEAST_TURNED_RAD = math.pi
 
 
 @dataclass(frozen=True)
@@ -54,6 +54,11 @@ class Built:
     def fit_median(self) -> float:
         """Of the shares of the returns that fit."""
         return float(np.median(self.fits))
+
+    @property
+    def turn_disagreement(self) -> float:
+        """By how much the scans turn otherwise than odometry."""
+        return turn_disagreement(self.times_s, self.poses, self.odometry)
 
     def trajectory_csv(self) -> str:
         """time_s, x_m, y_m, yaw_rad of each scan."""
@@ -91,6 +96,7 @@ class Built:
                 for jump in self.slam.jumps
             ],
             "fit_median": round(self.fit_median, 3),
+            "turn_disagreement": round(self.turn_disagreement, 3),
             "log_s": round(self.log_s, 3),
             "driven_m": round(self.driven_m, 2),
             "keyframes": len(self.graph.nodes),
@@ -130,7 +136,6 @@ def run(
     from mazebot.mapping.slam import Slam  # noqa: PLC0415 - loads Numba
 
     slam = Slam(params, SE2(0.0, 0.0, 0.0))
-    place = base_from_scan or log.base_from_scan or BASE_FROM_SCAN
     scans = log.scans
     stamps_ns, anchors, fits, step_ms = [], [], [], []
     odometry = []
@@ -146,7 +151,7 @@ def run(
         if step.scan is None:
             continue
         begin = time.perf_counter()
-        used = slam.scan(step.scan.at(place, step.stamp_ns))
+        used = slam.scan(step.scan.at(base_from_scan, step.stamp_ns))
         step_ms.append((time.perf_counter() - begin) * 1e3)
         if used:
             stamps_ns.append(step.stamp_ns)
@@ -165,3 +170,20 @@ def run(
         slam, graph, times_s, poses, scans, np.array(fits), np.array(step_ms), elapsed_s,
         driven_m, np.array(odometry),
     )  # fmt: skip
+
+
+def turn_disagreement(times_s: Array, poses: Array, odometry: Array) -> float:
+    """By how much the turns of a trajectory, (n, 3) at (n,) times, differ from those of odometry,
+    (k, 4) with the time, as a share of the latter; 0 where the robot hardly turned.
+    """
+    yaws_rad = np.interp(times_s, odometry[:, 0], np.unwrap(odometry[:, 3]))
+    by_odometry_rad = _wrapped(np.diff(yaws_rad))
+    by_scans_rad = _wrapped(np.diff(poses[:, 2]))
+    turned_rad = float(np.abs(by_odometry_rad).sum())
+    if turned_rad < _LEAST_TURNED_RAD:
+        return 0.0
+    return float(np.abs(_wrapped(by_scans_rad - by_odometry_rad)).sum()) / turned_rad
+
+
+def _wrapped(angles_rad: Array) -> Array:
+    return np.mod(angles_rad + math.pi, math.tau) - math.pi

@@ -9,8 +9,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mazebot.common.maths import portable_kernels
-from mazebot.common.maths.frames import SE2, Array
+from mazebot.common.maths.frames import SE2, Array, se2_from_matrix
 from mazebot.common.messages.messages import LaserScan, ns_from_time
+
+
+@dataclass(frozen=True, slots=True)
+class Mount:
+    """How a lidar is mounted: where, and which side up."""
+
+    base_from_scan: SE2
+    """Its pose, seen from above, in the frame that it is mounted in: base_footprint."""
+    is_upside_down: bool = False
+    """Then its beams follow each other clockwise where its angles grow."""
+
+    @classmethod
+    def of(cls, base_from_scan: Array) -> Mount:
+        """Of the rigid (4, 4) transform of a lidar that is level."""
+        return cls(se2_from_matrix(base_from_scan), bool(base_from_scan[2, 2] < 0.0))
+
+    def angle_rad(self, angle_rad: float) -> float:
+        """An angle of the lidar, seen from above."""
+        return -angle_rad if self.is_upside_down else angle_rad
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -21,9 +40,9 @@ class Scan:
     """(n,) `ranges`, counter-clockwise, or clockwise where the increment is negative; `inf` is no
     echo, `-inf` and NaN are no measurement, as in REP 117."""
     angle_min_rad: float
-    """`angle_min`: of the first beam, in base_scan."""
+    """`angle_min`: of the first beam, in base_scan; of a lidar upside down, negated."""
     angle_increment_rad: float
-    """`angle_increment`: between two beams."""
+    """`angle_increment`: between two beams; likewise."""
     range_min_m: float
     """`range_min`: shorter ranges are no measurement."""
     range_max_m: float
@@ -34,15 +53,15 @@ class Scan:
     """`header.stamp`: simulation time at which it was taken."""
 
     @classmethod
-    def from_message(cls, message: LaserScan, base_from_scan: SE2) -> Scan:
+    def from_message(cls, message: LaserScan, mount: Mount) -> Scan:
         """The scan of a message."""
         return cls(
             message.ranges,
-            message.angle_min,
-            message.angle_increment,
+            mount.angle_rad(message.angle_min),
+            mount.angle_rad(message.angle_increment),
             message.range_min,
             message.range_max,
-            base_from_scan,
+            mount.base_from_scan,
             ns_from_time(message.header.stamp),
         )
 

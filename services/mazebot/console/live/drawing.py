@@ -13,6 +13,7 @@ from mazebot.common.maths.frames import Array, pose_matrix, se2_from_matrix
 from mazebot.common.maths.portable import product
 from mazebot.common.messages import documents as doc
 from mazebot.common.messages import messages as msg
+from mazebot.common.messages.scan import Mount
 from mazebot.common.messages.slam_documents import PoseGraph
 from mazebot.common.world.footprint import footprint, wall_corners
 from mazebot.console.live.frame import Frame, binary_frame, text_frame
@@ -100,11 +101,13 @@ def scan_frame(scan: msg.LaserScan, map_from_lidar: Array) -> Frame:
     ranges_m = scan.ranges.astype(np.float64)
     hits = np.isfinite(ranges_m) & (ranges_m >= scan.range_min) & (ranges_m <= scan.range_max)
     millimetres = np.where(hits, np.minimum(ranges_m * _MM_PER_M, _NO_RETURN_MM - 1), _NO_RETURN_MM)
+    lidar = Mount.of(map_from_lidar)
+    angle_end_rad = float(scan.angle_min) + len(ranges_m) * float(scan.angle_increment)
     header = {
-        "pose": tuple(se2_from_matrix(map_from_lidar)),
-        "angle_min_rad": float(scan.angle_min),
+        "pose": tuple(lidar.base_from_scan),
+        "angle_min_rad": lidar.angle_rad(float(scan.angle_min)),
         # Not the increment: four decimals are too few for what is multiplied.
-        "angle_end_rad": float(scan.angle_min) + len(ranges_m) * float(scan.angle_increment),
+        "angle_end_rad": lidar.angle_rad(angle_end_rad),
     }
     return binary_frame("scan", header, millimetres.astype("<u2").tobytes())
 

@@ -1,0 +1,238 @@
+"""Where a bag has its lidars, its robot and its time, for all that reads a log."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
+
+from mazebot.cli.logs.log import Log, ScanForm, Topics
+from mazebot.cli.logs.read import read_log
+from mazebot.common.config import ConfigError
+from mazebot.common.maths.frames import (
+    SE2,
+    Array,
+    rotation_from_rpy,
+    transform_matrix,
+)
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages.scan import Scan
+
+UPSIDE_DOWN = math.pi
+STEP_NS = 500_000_000
+BEGUN_NS = 1_700_000_000_000_000_000
+
+
+@dataclass(frozen=True)
+class Link:
+    """A transform that does not move."""
+
+    parent: str
+    child: str
+    at_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rpy_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def matrix(self) -> Array:
+        return transform_matrix(rotation_from_rpy(*self.rpy_rad), self.at_m)
+
+
+MOUNTED = (Link("base_footprint", "base_scan", (-0.03, 0.01, 0.2)),)
+
+
+def write(
+    folder: Path,
+    links: Iterable[Link] = MOUNTED,
+    *,
+    frames: tuple[str, ...] = ("base_scan",),
+    space: str = "",
+    stamps_ns: Iterable[int] = range(0, 20 * STEP_NS, STEP_NS),
+    moving: tuple[str, str] | None = None,
+    increment_rad: float = 0.1,
+) -> Path:
+    """A bag: a pose, 0.1 m further each, as odometry or as a moving transform, and a scan of each
+    lidar at each stamp; each is logged 1 ms after it, or BEGUN_NS and half a second a step if its
+    stamp is 0.
+    """
+    store = msg.TYPESTORE
+    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+
+        def put(topic: str, kind: str, log_ns: int, message: object) -> None:
+            name = f"{space}{topic}"
+            if name not in connections:
+                connections[name] = writer.add_connection(name, kind, typestore=store)
+            writer.write(connections[name], log_ns, bytes(store.serialize_cdr(message, kind)))
+
+        connections: dict[str, object] = {}
+        fixed = [msg.transform_stamped(0, link.parent, link.child, link.matrix()) for link in links]
+        if fixed:
+            put("/tf_static", "tf2_msgs/msg/TFMessage", 0, msg.TFMessage(fixed))
+        for step, stamp_ns in enumerate(stamps_ns):
+            log_ns = BEGUN_NS + step * STEP_NS
+            pose = SE2(0.1 * step, 0.0, 0.0)
+            if moving is None:
+                still = msg.Twist(msg.Vector3(0.0, 0.0, 0.0), msg.Vector3(0.0, 0.0, 0.0))
+                odometry = msg.Odometry(
+                    msg.header(stamp_ns, "odom"), "base_footprint",
+                    msg.PoseWithCovariance(msg.pose_from_se2(pose), np.zeros(36)),
+                    msg.TwistWithCovariance(still, np.zeros(36)),
+                )  # fmt: skip
+                put("/odom", "nav_msgs/msg/Odometry", log_ns, odometry)
+            else:
+                moved = msg.planar_transform_stamped(stamp_ns, *moving, pose)
+                put("/tf", "tf2_msgs/msg/TFMessage", log_ns, msg.TFMessage([moved]))
+            for frame in frames:
+                sweep = msg.LaserScan(
+                    msg.header(stamp_ns, frame), -1.0, 1.0, increment_rad, 0.0, 0.1, 0.1, 9.0,
+                    np.linspace(1.0, 2.0, 21, dtype=np.float32), np.zeros(0, np.float32),
+                )  # fmt: skip
+                put("/scan", "sensor_msgs/msg/LaserScan", log_ns + 1_000_000, sweep)
+    return folder
+
+
+def read(bag: Path, topics: Topics | None = None) -> Log:
+    return read_log(bag, ScanForm(), topics)
+
+
+def scans_of(log: Log) -> list[Scan]:
+    return [one.scan.at(None, one.stamp_ns) for one in log.entries if one.scan]
+
+
+def hits_m(scan: Scan) -> Array:
+    """(n, 2) in base_footprint."""
+    place = np.array(scan.base_from_scan[:2])
+    return place + scan.ranges_m[:, None].astype(np.float64) * scan.directions()
+
+
+def by_hand_m(links: Iterable[Link]) -> Array:
+    """(n, 2) the same, of the scan that is written, by the chain of all rotations."""
+    matrix = np.eye(4)
+    for link in links:
+        matrix = matrix @ link.matrix()
+    angles = -1.0 + 0.1 * np.arange(21)
+    ranges = np.linspace(1.0, 2.0, 21)
+    points = np.stack([ranges * np.cos(angles), ranges * np.sin(angles)], axis=1)
+    return np.asarray(points @ matrix[:2, :2].T + matrix[:2, 3])
+
+
+@pytest.mark.parametrize(
+    "links",
+    [
+        MOUNTED,
+        (Link("base_footprint", "base_scan", (0.1, 0.0, 0.2), (UPSIDE_DOWN, 0.0, 0.7)),),
+        (
+            Link("base_footprint", "pole", (0.1, 0.0, 0.5), (UPSIDE_DOWN, 0.0, 0.0)),
+            Link("pole", "base_scan", (0.0, 0.1, 0.1), (UPSIDE_DOWN, 0.0, 0.7)),
+        ),
+        (
+            Link("base_footprint", "base_link", (0.0, 0.0, 0.1)),
+            Link("base_link", "mast", (0.2, 0.0, 0.3), (0.0, math.pi / 2, 0.0)),
+            Link("mast", "plate", (0.1, 0.05, 0.0), (0.0, -math.pi / 2, 0.0)),
+            Link("plate", "base_scan", (0.0, 0.0, 0.1), (0.0, 0.0, -0.4)),
+        ),
+    ],
+)
+def test_a_lidar_is_where_all_transforms_together_have_it(
+    tmp_path: Path, links: tuple[Link, ...]
+) -> None:
+    log = read(write(tmp_path / "bag", links))
+    np.testing.assert_allclose(hits_m(scans_of(log)[0]), by_hand_m(links), atol=1e-6)
+    assert not log.warning_of_place()
+
+
+def test_a_lidar_that_is_tilted_is_refused(tmp_path: Path) -> None:
+    tilted = Link("base_footprint", "base_scan", (0.0, 0.0, 0.2), (0.0, math.radians(40.0), 0.0))
+    with pytest.raises(ConfigError, match=r"'base_scan' is tilted by 40 degrees") as error:
+        read(write(tmp_path / "bag", [tilted]))
+    assert str(error.value).startswith(f"--log: {tmp_path / 'bag'}: ")
+
+
+@pytest.mark.parametrize(
+    ("moving", "base"),
+    [
+        (None, "base_footprint"),
+        (("robot1/odom", "robot1/base_footprint"), "robot1/base_footprint"),
+        (("odom_combined", "base_link"), "base_link"),
+    ],
+)
+def test_names_may_have_a_robots_prefix_and_topics_its_namespace(
+    tmp_path: Path, moving: tuple[str, str] | None, base: str
+) -> None:
+    prefix = base.rpartition("base_")[0]
+    link = Link(base, f"{prefix}laser", (0.2, 0.0, 0.2), (0.0, 0.0, math.pi / 2))
+    bag = write(
+        tmp_path / "bag", [link], frames=(f"{prefix}laser",), space="/robot1", moving=moving
+    )
+    log = read(bag, Topics(scan="/robot1/scan", odom="/robot1/odom"))
+    (place,) = {one.scan.base_from_scan for one in log.entries if one.scan}
+    assert place == pytest.approx(SE2(0.2, 0.0, math.pi / 2))
+    ways = [one.odom_from_base.x_m for one in log.entries if one.odom_from_base]
+    assert ways == pytest.approx([0.1 * step for step in range(20)])
+
+
+def test_each_of_two_lidars_has_a_place_of_its_own(tmp_path: Path) -> None:
+    links = (
+        Link("base_footprint", "front", (0.2, 0.0, 0.2)),
+        Link("base_footprint", "rear", (-0.2, 0.0, 0.2), (0.0, 0.0, math.pi)),
+    )
+    log = read(write(tmp_path / "bag", links, frames=("rear", "front")))
+    assert {one.base_from_scan.x_m for one in scans_of(log)} == {0.2, -0.2}
+
+
+def test_a_lidar_in_the_robots_own_frame_is_at_its_centre(tmp_path: Path) -> None:
+    log = read(write(tmp_path / "bag", (), frames=("base_link",)))
+    assert scans_of(log)[0].base_from_scan == SE2(0.0, 0.0, 0.0)
+
+
+def test_a_place_that_is_not_known_is_told_with_the_one_that_is_taken(tmp_path: Path) -> None:
+    log = read(write(tmp_path / "bag", (), frames=("laser_frame",)))
+    told = log.warning_of_place()
+    assert "'laser_frame'" in told
+    assert "-0.064 0 0" in told
+    assert "--lidar" in told
+    assert scans_of(log)[0].base_from_scan == SE2(-0.064, 0.0, 0.0)
+
+
+def test_stamps_of_zero_are_the_times_of_logging(tmp_path: Path) -> None:
+    log = read(write(tmp_path / "bag", stamps_ns=[0] * 20))
+    assert log.unstamped == 20
+    assert any("stamp 0" in remark for remark in log.remarks())
+    times_ns = [one.stamp_ns for one in log.entries if one.scan]
+    assert np.diff(times_ns) == pytest.approx(STEP_NS)
+    assert drives_on(log)
+
+
+def test_what_follows_a_clock_that_was_set_back_goes_on_from_there(tmp_path: Path) -> None:
+    first = list(range(STEP_NS, 15 * STEP_NS, STEP_NS))
+    bag = write(tmp_path / "bag", stamps_ns=[*first, *first])
+    log = read(bag)
+    assert log.clock_set_back == 1
+    assert any("set back once" in remark for remark in log.remarks())
+    times_ns = [one.stamp_ns for one in log.entries if one.scan]
+    assert np.diff(times_ns) == pytest.approx(STEP_NS)
+    assert drives_on(log)
+
+
+def test_a_message_that_comes_late_sets_no_clock_back(tmp_path: Path) -> None:
+    stamps_ns = [*range(STEP_NS, 15 * STEP_NS, STEP_NS)]
+    stamps_ns.insert(10, 2 * STEP_NS + 1000)
+    log = read(write(tmp_path / "bag", stamps_ns=stamps_ns))
+    assert log.clock_set_back == 0
+    assert max(one.stamp_ns for one in log.entries) == 14 * STEP_NS
+
+
+def test_a_scan_without_direction_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="the increment not 0"):
+        read(write(tmp_path / "bag", increment_rad=0.0))
+
+
+def drives_on(log: Log) -> bool:
+    """Whether odometry and scans follow each other as they were logged."""
+    ways = [one.odom_from_base.x_m for one in log.entries if one.odom_from_base]
+    return ways == sorted(ways) and [one.scan is None for one in log.entries] == [
+        one % 2 == 0 for one in range(len(log.entries))
+    ]
