@@ -21,7 +21,7 @@ from mazebot.common.maths.frames import (
     transform_matrix,
 )
 from mazebot.common.messages import messages as msg
-from mazebot.common.messages.scan import Scan
+from mazebot.common.messages.scan import Mount, Scan
 
 UPSIDE_DOWN = math.pi
 STEP_NS = 500_000_000
@@ -149,6 +149,16 @@ def test_a_lidar_that_is_tilted_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"'base_scan' is tilted by 40 degrees") as error:
         read(write(tmp_path / "bag", [tilted]))
     assert str(error.value).startswith(f"--log: {tmp_path / 'bag'}: ")
+
+
+def test_a_scan_of_the_bus_is_seen_from_above_too() -> None:
+    link = Link("base_footprint", "base_scan", (0.1, 0.0, 0.2), (UPSIDE_DOWN, 0.0, 0.7))
+    sweep = msg.LaserScan(
+        msg.header(0, "base_scan"), -1.0, 1.0, 0.1, 0.0, 0.1, 0.1, 9.0,
+        np.linspace(1.0, 2.0, 21, dtype=np.float32), np.zeros(0, np.float32),
+    )  # fmt: skip
+    scan = Scan.from_message(sweep, Mount.of(link.matrix()))
+    np.testing.assert_allclose(hits_m(scan), by_hand_m([link]), atol=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -270,7 +270,7 @@ class LocalizationNode(Node):
         for stamp_ns, message in by_stamp(scans, sightings):
             if isinstance(message, msg.LaserScan):
                 if self._watch.is_of_this_run(stamp_ns, SCAN, inbox):
-                    self._take_scan(localization, message)
+                    self._take_scan(localization, stamp_ns, message, inbox)
             elif self._watch.is_of_this_run(stamp_ns, DETECTIONS, inbox):
                 self._take_detections(localization, stamp_ns, message, inbox)
 
@@ -344,7 +344,12 @@ class LocalizationNode(Node):
                 return
             _LOG.info("Setting pose: %.3f %.3f %.3f", *pose)
 
-    def _take_scan(self, localization: Localization, scan: msg.LaserScan) -> None:
+    def _take_scan(
+        self, localization: Localization, stamp_ns: int, scan: msg.LaserScan, inbox: Inbox
+    ) -> None:
+        if not localization.has_odometry(stamp_ns):
+            inbox.reject(SCAN, "without odometry at their time")
+            return
         taken = Scan.from_message(scan, Mount.of(self._base_from[SCAN_FRAME]))
         if self._slip.scan(taken):
             localization.correct_odometry(self._slip.corrected)

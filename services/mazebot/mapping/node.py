@@ -47,7 +47,7 @@ from mazebot.mapping.config import STEP_PERIOD_NS, MappingConfig
 from mazebot.mapping.graph.graph_file import load_graph
 from mazebot.mapping.kernels import compile_kernels
 from mazebot.mapping.messages import map_message, marker_name, planar
-from mazebot.mapping.slam import Slam
+from mazebot.mapping.slam import NO_ODOMETRY, Slam
 
 _LOG = logging.getLogger("mapping")
 
@@ -205,7 +205,7 @@ class MappingNode(Node):
         for stamp_ns, message in by_stamp(scans, sightings):
             if isinstance(message, msg.LaserScan):
                 if self._watch.is_of_this_run(stamp_ns, SCAN, inbox):
-                    self._take_scan(slam, message)
+                    self._take_scan(slam, stamp_ns, message, inbox)
             elif self._watch.is_of_this_run(stamp_ns, DETECTIONS, inbox):
                 self._take_detections(slam, stamp_ns, message, inbox)
 
@@ -244,7 +244,10 @@ class MappingNode(Node):
         slam.fixed = self._config.mode == "localization"
         return slam
 
-    def _take_scan(self, slam: Slam, scan: msg.LaserScan) -> None:
+    def _take_scan(self, slam: Slam, stamp_ns: int, scan: msg.LaserScan, inbox: Inbox) -> None:
+        if not slam.has_odometry(stamp_ns):
+            inbox.reject(SCAN, NO_ODOMETRY)
+            return
         taken = Scan.from_message(scan, Mount.of(self._base_from[SCAN_FRAME]))
         if self._slip.scan(taken):
             slam.correct_odometry(self._slip.corrected)

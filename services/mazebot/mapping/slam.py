@@ -316,6 +316,10 @@ class Slam:
             self._grid = (self.map_version, self._occupancy.grid())
         return self._grid[1]
 
+    def has_odometry(self, stamp_ns: int) -> bool:
+        """Whether there is odometry for a time."""
+        return self._history.at(stamp_ns) is not None
+
     def scan(self, scan: Scan) -> bool:
         """Correct the pose by a scan, and add to the map what it shows; True if it was used.
 

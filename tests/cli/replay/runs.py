@@ -44,10 +44,12 @@ def write_bag(
     storage: StoragePlugin,
     clock: bool = False,
     definitions: dict[str, str] | None = None,
+    set_back_ns: int | None = None,
 ) -> Path:
     """What a TurtleBot's own nodes would have recorded of the same drive: with stamps of Unix time,
     a topic that Mazebot has not, and one of another type. With `clock`, of a simulator, whose clock
     ticks ten times a second. `definitions` are used instead of those of ROS 2 Humble.
+    At `set_back_ns` the simulator's time begins anew.
     """
     topics: dict[str, Topic[Any]] = {
         topic.name: topic for topic in (MAP, ODOM, SCAN, TF, TF_STATIC)
@@ -69,8 +71,11 @@ def write_bag(
             angular=HUMBLE.types["geometry_msgs/msg/Vector3"](x=0.0, y=0.0, z=0.0),
         )
         ticked = -1
+        first_ns = begun_ns
         for message in messages:
             log_ns = BEGUN_NS + LAG_NS + message.time_ns
+            if set_back_ns is not None and message.time_ns >= set_back_ns:
+                begun_ns = first_ns - set_back_ns
             if ticks is not None and message.time_ns // 100_000_000 > ticked:
                 ticked = message.time_ns // 100_000_000
                 now = msg.Clock(clock=msg.time_from_ns(begun_ns + ticked * 100_000_000))

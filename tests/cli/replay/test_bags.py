@@ -154,3 +154,34 @@ def test_documents_of_another_version_are_read(tmp_path: Path, form: str) -> Non
     assert [one.topic for one in read] == list(topics)
     for one in read:
         assert wire.decode(one.topic, one.data) == SAMPLES[one.topic]
+
+
+def test_what_follows_a_clock_that_was_set_back_is_replayed_after_it(
+    messages: list[Replayed], tmp_path: Path
+) -> None:
+    poses = []
+    for name, set_back_ns in (("whole", None), ("reset", messages[-1].time_ns // 2)):
+        bag = runs.write_bag(
+            tmp_path / name, messages, StoragePlugin.MCAP, clock=True, set_back_ns=set_back_ns
+        )
+        done = mazebot("replay", str(bag), "--service", "localization", "--json")
+        told = json.loads(done.stdout)
+        poses.append({row["topic"]: row["replayed"] for row in told["topics"]}["/amcl_pose"])
+        assert told["rejected"] == []
+        said = "the clock was set back once: what follows goes on from there"
+        assert (said in told["left_out"]) == (set_back_ns is not None)
+    assert abs(poses[0] - poses[1]) <= 2
+
+
+def test_what_the_service_does_not_take_is_told(messages: list[Replayed], tmp_path: Path) -> None:
+    def old(message: Replayed) -> Replayed:
+        if message.topic is not SCAN:
+            return message
+        scan = wire.decode(SCAN, message.data)
+        scan.header.stamp = msg.time_from_ns(1)
+        return message._replace(data=wire.encode(SCAN, scan))
+
+    bag = runs.write_bag(tmp_path / "bag", map(old, messages), StoragePlugin.MCAP)
+    done = mazebot("replay", str(bag), "--service", "mapping")
+    assert "rejected by mapping: /scan: " in done.stdout
+    assert "without odometry at their time" in done.stdout

@@ -53,6 +53,8 @@ class Comparison:
         self._topics: dict[str, TopicComparison] = {}
         self._waiting: dict[str, tuple[deque[_Sent], deque[_Sent]]] = {}
         self._begun: dict[str, int] = {}
+        self.rejected: dict[tuple[str, str], int] = {}
+        """Messages that the service did not take, by topic and reason."""
 
     @property
     def topics(self) -> list[TopicComparison]:

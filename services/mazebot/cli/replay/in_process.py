@@ -78,4 +78,9 @@ def replay_through(
         # At the end of a run in one process each service takes one more step.
         own.step(feed.last_ns)
     comparison.end()
+    comparison.rejected = {
+        (topic, reason): count
+        for topic, counts in sorted(inbox.counts.items())
+        for reason, count in sorted(counts.rejected.items())
+    }
     return comparison

@@ -81,6 +81,7 @@ def _summary(
         "pictures": recording.pictures,
         "settings": {name: list(values) for name, values in settings.changed.items()},
         "left_out": recording.lines_of_unfit(),
+        "rejected": rejected_lines(comparison, service),
         "waits_for": waits_for,
         **summary_of(comparison),
     }
@@ -132,12 +133,21 @@ def _tell(
     ]
     lines += picture_lines(recording, service)
     lines += recording.lines_of_unfit()
+    lines += rejected_lines(comparison, service)
     if waits_for is not None:
         lines.append(f"at the end {service} is still waiting for {waits_for}")
     sys.stdout.write("\n".join(lines) + "\n")
     print_comparison(comparison)
     if not (comparison.is_same or recording.in_one_process):
         sys.stdout.write("recorded on the bus: exact only if all services ran in lockstep there\n")
+
+
+def rejected_lines(comparison: Comparison, service: str) -> list[str]:
+    """What the service did not take, a line for each topic and reason."""
+    return [
+        f"rejected by {service}: {topic}: {count} message{'s' * (count != 1)}: {reason}"
+        for (topic, reason), count in comparison.rejected.items()
+    ]
 
 
 def picture_lines(recording: Recording, service: str) -> list[str]:

@@ -71,6 +71,7 @@ def open_bag(path: Path, slam: bool = False) -> Recording:
 
     def read() -> Iterator[Replayed]:
         recording.unfit.clear()
+        recording.clock_set_back = 0
         messages = _read(path, recording, channels, made)
         yield from _clocked(_beginning(recording.name, not has_map), messages)
 
@@ -166,6 +167,7 @@ def _read(
                 clock_ns = _clock_of(connection, data)
                 if clock_ns is not None:
                     time.take_clock(clock_ns)
+                    recording.clock_set_back = time.set_back
                 continue
             channel = channels.get(connection.id)
             if channel is None:
@@ -200,11 +202,25 @@ def _decoded(channel: _Channel, data: bytes) -> Any:
 
 
 def _fitted(channel: _Channel, data: bytes, time: BagTime) -> Any:
-    """A bag's message, valid, with its stamps from 0. Raises WireError where it is not valid."""
+    """A bag's message, valid, with its stamps from 0, and frames as in ROS 2.
+
+    Raises WireError where it is not valid.
+    """
     message = _decoded(channel, data)
+    _name_frames(message)
     wire.validate(channel.topic, message)
     time.shift(message, wire.type_name(channel.topic))
     return message
+
+
+def _name_frames(message: Any) -> None:
+    """In ROS 1 the names of frames may begin with a slash, in ROS 2 they must not."""
+    for one in (message, *getattr(message, "transforms", ())):
+        header = getattr(one, "header", None)
+        if isinstance(header, msg.Header):
+            header.frame_id = header.frame_id.lstrip("/")
+        if isinstance(getattr(one, "child_frame_id", None), str):
+            one.child_frame_id = one.child_frame_id.lstrip("/")
 
 
 def _service_of(topic: Topic[Any], message: Any) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import statistics
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, cast
 
 from rosbags.interfaces import Nodetype
@@ -14,6 +14,8 @@ from mazebot.common.messages import messages as msg
 
 _NEAR_NS = 5_000_000_000
 _AHEAD_NS = 1_000_000_000
+_SET_BACK_NS = 500_000_000
+"""A clock that goes back by more was set back: a simulation that was reset."""
 _SECOND_NS = 1_000_000_000
 _TIME, _HEADER = "builtin_interfaces/msg/Time", "std_msgs/msg/Header"
 _STAMP = struct.Struct("<iI")
@@ -44,6 +46,10 @@ class BagTime:
     def __init__(self, logged: Sequence[tuple[int, int]], first_clock_ns: int | None) -> None:
         """`logged` are the times of logging and the stamps of the bag's first messages, in ns."""
         self._clock_ns = first_clock_ns
+        self._moved_ns = self._moved_before_ns = 0
+        """By what the clock and the stamps go on after it was set back, and until then."""
+        self.set_back = 0
+        """How often the clock was set back so far."""
         self._lag_ns = 0
         delays = [log_ns - stamp_ns for log_ns, stamp_ns in logged]
         if delays:
@@ -53,7 +59,11 @@ class BagTime:
         self._now_ns = 0
 
     def take_clock(self, clock_ns: int) -> None:
-        """A message of the bag's clock."""
+        """A message of the bag's clock. Where that was set back, time goes on from there."""
+        if self._clock_ns is not None and clock_ns < self._clock_ns - _SET_BACK_NS:
+            self._moved_before_ns = self._moved_ns
+            self._moved_ns += self._clock_ns - clock_ns
+            self.set_back += 1
         self._clock_ns = clock_ns
 
     def begin(self, log_ns: int) -> None:
@@ -71,27 +81,35 @@ class BagTime:
             if stamp_ns is not None and now_ns < stamp_ns <= now_ns + _AHEAD_NS:
                 # Simulators send their clock less often than their sensors' data.
                 now_ns = stamp_ns
+            now_ns += self._moved_ns
         self._now_ns = max(self._now_ns, now_ns - self._begun_ns)
         return self._now_ns
 
     def shift(self, message: Any, type_name: str) -> None:
         """Let the stamps in a message count from 0; those of before are 0."""
+        _shift(message, type_name, self._from_begin)
+
+    def _from_begin(self, stamp_ns: int) -> int:
         assert self._begun_ns is not None
-        _shift(message, type_name, self._begun_ns)
+        moved_ns = self._moved_ns
+        if self._clock_ns is not None and stamp_ns > self._clock_ns + _AHEAD_NS:
+            # From before the clock was set back.
+            moved_ns = self._moved_before_ns
+        return max(stamp_ns + moved_ns - self._begun_ns, 0)
 
 
-def _shift(message: Any, type_name: str, by_ns: int) -> None:
+def _shift(message: Any, type_name: str, shifted_ns: Callable[[int], int]) -> None:
     for name, kind, inner in _stamped(type_name):
         value = getattr(message, name)
         if inner == _TIME and kind == Nodetype.NAME:
             stamp_ns = msg.ns_from_time(value)
             if stamp_ns:
-                setattr(message, name, msg.time_from_ns(max(stamp_ns - by_ns, 0)))
+                setattr(message, name, msg.time_from_ns(shifted_ns(stamp_ns)))
         elif kind == Nodetype.NAME:
-            _shift(value, inner, by_ns)
+            _shift(value, inner, shifted_ns)
         else:
             for one in value:
-                _shift(one, inner, by_ns)
+                _shift(one, inner, shifted_ns)
 
 
 @functools.cache

@@ -36,6 +36,8 @@ class Recording:
     """Messages that are left out, by topic and reason; complete when all have been read."""
     left_out: dict[str, str] = field(default_factory=dict)
     """Topics that are left out as a whole, each with the reason."""
+    clock_set_back: int = 0
+    """How often its clock was set back; complete when all has been read."""
 
     def span_ns(self, start_s: float, duration_s: float | None) -> tuple[int, int]:
         """From when to when to replay: simulation time.
@@ -51,8 +53,12 @@ class Recording:
         return start_ns, min(start_ns + round(duration_s * 1e9), self.end_ns)
 
     def lines_of_unfit(self) -> list[str]:
-        """What is left out and why, a line each."""
-        lines = [f"left out: {topic}: {reason}" for topic, reason in sorted(self.left_out.items())]
+        """What is left out and why, and what is not as it was, a line each."""
+        lines = []
+        if self.clock_set_back:
+            times = "once" if self.clock_set_back == 1 else f"{self.clock_set_back} times"
+            lines.append(f"the clock was set back {times}: what follows goes on from there")
+        lines += [f"left out: {topic}: {reason}" for topic, reason in sorted(self.left_out.items())]
         for (topic, reason), count in sorted(self.unfit.items()):
             what = "message" if count == 1 else "messages"
             lines.append(f"left out: {topic}: {count} {what}: {reason}")
