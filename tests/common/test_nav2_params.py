@@ -823,3 +823,15 @@ def test_a_maximum_that_is_none_is_below_no_minimum() -> None:
     load(amcl={"laser_min_range": 0.1, "laser_max_range": -1.0})
     load(controller_server={"FollowPath": {"plugin": "x::DWBLocalPlanner", "min_speed_xy": 0.1,
                                            "max_speed_xy": -1.0}})  # fmt: skip
+
+
+def test_marking_and_clearing_of_a_source_are_those_of_the_file() -> None:
+    scan = {"topic": "/scan", "data_type": "LaserScan", "marking": False, "clearing": False}
+    layer = {
+        "plugin": "nav2_costmap_2d::ObstacleLayer", "observation_sources": "scan", "scan": scan,
+    }  # fmt: skip
+    costmap = {"plugins": ["obstacle_layer"], "obstacle_layer": layer}
+    told = report(load(local_costmap=costmap), {"navigation": NavigationConfig})
+    source = told.settings["navigation"]["local_costmap"]["obstacle_layer"]["scan"]
+    assert source == {"marking": False, "clearing": False}
+    assert row_of(told, "local_costmap.obstacle_layer.scan.marking").status == "used"

@@ -13,13 +13,14 @@ _OBSERVATION = namespace(
 topic string "" * !scan
 data_type string LaserScan {LaserScan,PointCloud2} !LaserScan
 inf_is_valid bool false *
-clearing bool false * =-
+clearing bool false *
+marking bool true *
 obstacle_max_range double 2.5 >=0
 obstacle_min_range double 0.0 >=0
 raytrace_max_range double 3.0 >=0
 raytrace_min_range double 0.0 >=0
 - sensor_frame observation_persistence expected_update_rate min_obstacle_height
-- max_obstacle_height marking transport_type
+- max_obstacle_height transport_type
 """,
 )
 
