@@ -33,7 +33,10 @@ NO_GL = {
 
 
 THREADS = "OPENBLAS_NUM_THREADS"
-WRITTEN = ("/cmd_vel", "/cmd_vel_teleop", "/explore/resume", "/goal_pose", "/initialpose")
+WRITTEN = (
+    "/cmd_vel", "/cmd_vel_teleop", "/controller_selector", "/explore/resume", "/goal_pose",
+    "/goal_update", "/initialpose", "/planner_selector",
+)  # fmt: skip
 """The topics of the user's tools."""
 
 

@@ -241,6 +241,9 @@ SAMPLES: dict[Topic[Any], Any] = {
         HEADER, msg.PoseWithCovariance(POSE, COVARIANCE)
     ),
     table.GOAL_POSE: msg.PoseStamped(HEADER, POSE),
+    table.GOAL_UPDATE: msg.PoseStamped(HEADER, POSE),
+    table.CONTROLLER_SELECTOR: msg.String(data="regulated_pure_pursuit"),
+    table.PLANNER_SELECTOR: msg.String(data="a_star"),
     table.AMCL_POSE: msg.PoseWithCovarianceStamped(
         HEADER, msg.PoseWithCovariance(POSE, COVARIANCE)
     ),

@@ -486,6 +486,22 @@ def test_the_limits_of_a_controller_that_is_not_here_are_kept(
     }
 
 
+def test_checkers_have_the_names_of_the_file() -> None:
+    """FollowPath may give them, as in Nav2."""
+    told = report(
+        load(
+            controller_server={
+                "goal_checker_plugins": ["precise"],
+                "precise": {"plugin": "nav2_controller::SimpleGoalChecker"},
+            }
+        ),
+        MODELS,
+    )
+    server = told.settings["navigation"]["controller_server"]
+    assert server["goal_checker_plugins"] == ["precise"]
+    assert "path_handler_plugins" not in server
+
+
 def test_only_the_first_controller_is_taken() -> None:
     told = report(
         load(controller_server={

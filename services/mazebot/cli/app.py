@@ -229,7 +229,7 @@ def topic_pub(
     name: Annotated[
         str,
         typer.Argument(
-            metavar="TOPIC", help="/cmd_vel, /goal_pose, /initialpose or /explore/resume",
+            metavar="TOPIC", help="such as /cmd_vel, /goal_pose, /initialpose or /explore/resume",
             autocompletion=written_topic_names,
         ),
     ],

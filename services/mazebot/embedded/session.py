@@ -351,7 +351,8 @@ class Session(Robot):
         self.run_for(seconds)
 
     def publish(self, topic: Topic[M], message: M) -> None:
-        """Publish a message on a topic of the user's tools: CMD_VEL, GOAL_POSE or INITIAL_POSE.
+        """Publish a message on a topic of the user's tools, such as CMD_VEL, GOAL_POSE, GOAL_UPDATE
+        or INITIAL_POSE.
 
         Raises PermissionError on another topic, RefusedError where the message is invalid.
         """

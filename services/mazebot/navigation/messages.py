@@ -226,7 +226,7 @@ def clear_requests(ask: act.ClearCostmap) -> list[ClearRequest]:
     """What to clear, one for each costmap."""
     pose = None if ask.pose is None else ask.pose.se2()
     return [
-        ClearRequest(name, ask.area, ask.reset_distance_m, pose, ask.plugins)
+        ClearRequest(name, ask.area, ask.reset_distance_m, pose)
         for name in ("local", "global")
         if ask.costmap in ("all", name)
     ]

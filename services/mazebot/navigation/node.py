@@ -111,6 +111,7 @@ from mazebot.navigation.costmap.zones import Zones, zones_of
 from mazebot.navigation.drive import Drive
 from mazebot.navigation.errors import NavigationError
 from mazebot.navigation.goals import Goal, Goals, input_at_waypoint, pause_goal
+from mazebot.navigation.hearing import hear_goal_updates, hear_selectors
 from mazebot.navigation.kernels import check_parts, compile_kernels
 from mazebot.navigation.mask_files import masks_of
 from mazebot.navigation.messages import (
@@ -188,6 +189,8 @@ class NavigationNode(Node):
         self._costmap_shown = -1
         self._frame_shown: GridFrame | None = None
         self._masks = masks_of(config)
+        self._names_heard: dict[str, str] = {}
+        """See RobotContext: they hold for all worlds and maps."""
         self._zones_shown: Zones | None = None
         self._goals = Goals()
         self._kept: act.NavigationCheckpoint | None = None
@@ -273,6 +276,10 @@ class NavigationNode(Node):
         self._resume(now_ns, inbox)
         self._goals.take_poses(now_ns, inbox.new(GOAL_POSE), self._ready_drive)
         self._answer(now_ns, inbox)
+        if self._drive is not None:
+            # After the goals, so that what is sent right after a goal counts for it.
+            hear_selectors(inbox, self._drive.robot)
+            hear_goal_updates(inbox, self._drive.robot)
         self._set_parameters(now_ns, inbox, outbox)
         self._control(now_ns, outbox, passes)
         self._publish(now_ns, outbox)
@@ -393,7 +400,9 @@ class NavigationNode(Node):
     def _made_drive(self, frame: GridFrame, cells: Cells) -> Drive:
         """Navigation for a map, with the zones of the world and of the masks."""
         random = random_generator(self._watch.seed, "navigation/control")
-        return made_drive(self._config, frame, cells, random, self._zones(frame))
+        drive = made_drive(self._config, frame, cells, random, self._zones(frame))
+        drive.robot.names_heard = self._names_heard
+        return drive
 
     def _zones(self, frame: GridFrame) -> Zones | None:
         world, masks = self._world, self._masks

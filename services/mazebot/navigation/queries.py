@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from mazebot.common.messages import action_documents as act
 from mazebot.common.messages.error_codes import ErrorCode
+from mazebot.navigation.behavior.engine.ports import as_layers
 from mazebot.navigation.errors import NavigationError
 from mazebot.navigation.goals import Ready
 from mazebot.navigation.messages import clear_requests, path_poses, planar_document, planned_path
@@ -43,6 +44,7 @@ def clear_costmap(ask: act.ClearCostmap, ready: Ready) -> act.Reply:
     for entirely.
     """
     try:
+        as_layers(ask.plugins)
         drive = ready()
         # A person knows better than what was seen.
         drive.robot.forget_places()
@@ -52,4 +54,6 @@ def clear_costmap(ask: act.ClearCostmap, ready: Ready) -> act.Reply:
                 drive.forget_hidden()
     except NavigationError as error:
         return act.Reply(error=error.message)
+    except ValueError as error:
+        return act.Reply(error=f"plugins: {error}")
     return act.Reply()

@@ -1,4 +1,6 @@
-"""Trees that are built as Nav2's documentation describes its two default trees (Lyrical)."""
+"""Trees that are built as Nav2's documentation describes its two default trees, and the one that
+follows a point (Lyrical).
+"""
 
 from __future__ import annotations
 
@@ -95,3 +97,22 @@ NAV_THROUGH_POSES = _navigate(
 </ReactiveSequence>
 """,
 )
+FOLLOW_POINT = document(f"""
+<PipelineSequence>
+  {_selector("Controller", "controller", "FollowPath")}
+  {_selector("Planner", "planner", "GridBased")}
+  <RateController hz="1.0">
+    <Sequence>
+      <GoalUpdater input_goal="{{goal}}" output_goal="{{updated_goal}}">
+        <ComputePathToPose goal="{{updated_goal}}" path="{{path}}"
+          planner_id="{{selected_planner}}" {_ports("compute_path")}/>
+      </GoalUpdater>
+      <TruncatePath distance="1.0" input_path="{{path}}" output_path="{{truncated_path}}"/>
+    </Sequence>
+  </RateController>
+  <KeepRunningUntilFailure>
+    <FollowPath path="{{truncated_path}}" controller_id="{{selected_controller}}"
+      {_ports("follow_path")}/>
+  </KeepRunningUntilFailure>
+</PipelineSequence>
+""")

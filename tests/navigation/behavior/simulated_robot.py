@@ -56,7 +56,7 @@ class SimulatedRobot:
     localized: bool = True
     wanted: Velocity | None = None
     chosen: dict[str, str] = field(default_factory=dict)
-    goal_updates: tuple[SE2, ...] = ()
+    goal_update: SE2 | None = None
     docks: Docks = field(default_factory=Docks)
     sighting: MarkerPose | None = None
     charge: BatteryCharge | None = None
@@ -151,8 +151,11 @@ class SimulatedRobot:
     def selected(self, topic_name: str) -> str | None:
         return self.chosen.get(topic_name)
 
-    def updated_goals(self) -> tuple[SE2, ...]:
-        return self.goal_updates
+    def begin_goal(self) -> None:
+        self.goal_update = None
+
+    def updated_goal(self) -> SE2 | None:
+        return self.goal_update
 
     def battery(self) -> BatteryCharge | None:
         return self.charge

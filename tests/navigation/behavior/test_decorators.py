@@ -99,7 +99,7 @@ def test_a_goal_updater_takes_the_goal_from_the_topic_when_there_is_one() -> Non
     tree.blackboard.set("goal", SE2(1.0, 0.0, 0.0))
     tree.tick()
     assert tree.blackboard.get("updated_goal") == SE2(1.0, 0.0, 0.0)
-    robot.goal_updates = (SE2(3.0, 0.0, 0.0),)
+    robot.goal_update = SE2(3.0, 0.0, 0.0)
     tree.tick()
     assert tree.blackboard.get("updated_goal") == SE2(3.0, 0.0, 0.0)
 

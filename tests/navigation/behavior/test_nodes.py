@@ -12,6 +12,7 @@ from mazebot.navigation.behavior.engine.blackboard import Blackboard
 from mazebot.navigation.behavior.nodes.goals import REQUESTED
 from mazebot.navigation.behavior.nodes.nodes_goals import WaypointState, WaypointStatus
 from mazebot.navigation.control.collision import Velocity
+from mazebot.navigation.costmap.costmap import NO_INFORMATION
 from mazebot.navigation.planning.path import PlannedPath, path_through
 from tests.navigation.behavior.scripted_tree import Ticked
 from tests.navigation.behavior.simulated_robot import SimulatedRobot
@@ -289,8 +290,8 @@ def test_conditions_about_localisation() -> None:
         ),
         (
             "ClearEntireCostmap",
-            {"service_name": "global_costmap/clear", "plugins": "obstacle_layer;denoise_layer"},
-            ClearRequest("global", plugins=("obstacle_layer", "denoise_layer")),
+            {"service_name": "/a/global_costmap/clear", "plugins": "obstacle_layer;voxel_layer"},
+            ClearRequest("global"),
         ),
         (
             "ClearCostmapExceptRegion",
@@ -383,3 +384,63 @@ def test_a_smoothed_path_is_checked_if_asked() -> None:
     tree.blackboard.set("a", line(1.0))
     assert tree.tick() == "S"
     assert tree.blackboard.get("b") is tree.blackboard.get("a")
+
+
+def test_a_smoother_that_there_is_none_of_is_refused() -> None:
+    robot = SimulatedRobot()
+    for name, answer in (("", "S"), ("simple_smoother", "S"), ("nope", "F")):
+        tree = leaf(
+            "SmoothPath", robot, unsmoothed_path="{a}", error_code_id="{code}",
+            error_msg="{message}", smoother_id=name,
+        )  # fmt: skip
+        tree.blackboard.set("a", line(1.0))
+        assert tree.tick() == answer
+    assert tree.blackboard.get("code") == ErrorCode.INVALID_SMOOTHER
+    assert tree.blackboard.get("message") == (
+        "smoother_id: 'nope': must be empty or one of simple_smoother, SmoothPath"
+    )
+
+
+@pytest.mark.parametrize(
+    ("port", "good", "what", "known"),
+    [
+        (
+            "goal_checker_id", "general_goal_checker", "goal checker",
+            "general_goal_checker, goal_checker",
+        ),
+        ("progress_checker_id", "progress_checker", "progress checker", "progress_checker"),
+        ("path_handler_id", "path_handler", "path handler", "PathHandler, path_handler"),
+    ],
+)  # fmt: skip
+def test_a_plugin_of_following_that_there_is_none_of_is_refused(
+    port: str, good: str, what: str, known: str
+) -> None:
+    robot = SimulatedRobot()
+    for name, answer in (("", "R"), (good, "R"), ("nonsense", "F")):
+        tree = leaf(
+            "FollowPath", robot, path="{a}", error_code_id="{code}", error_msg="{message}",
+            **{port: name},
+        )  # fmt: skip
+        tree.blackboard.set("a", line(1.0))
+        assert tree.tick() == answer
+    assert tree.blackboard.get("code") == ErrorCode.INVALID_CONTROLLER
+    assert tree.blackboard.get("message") == (f"{what} 'nonsense': must be empty or one of {known}")
+
+
+def test_what_is_unknown_is_an_obstacle_if_asked() -> None:
+    robot = SimulatedRobot()
+    frame, costs = robot.costmap.master.frame, robot.costmap.master.costs
+    row = len(costs) - 2
+    unknown = int(np.flatnonzero(costs[row] == NO_INFORMATION)[0])
+    x_m = frame.origin_x_m + (unknown + 0.5) * frame.resolution_m
+    y_m = frame.origin_y_m + (row + 0.5) * frame.resolution_m
+    path = path_through(np.array([[0.0, 0.0], [0.1, 0.0], [x_m, y_m]]), 0.0)
+    answers = []
+    for asked in ("false", "true"):
+        tree = leaf(
+            "IsPathValid", robot, path="{a}", consider_unknown_as_obstacle=asked,
+            collision_poses="{hit}",
+        )  # fmt: skip
+        tree.blackboard.set("a", path)
+        answers.append((tree.tick(), len(tree.blackboard.get("hit"))))  # type: ignore[arg-type]
+    assert answers == [("S", 0), ("F", 1)]

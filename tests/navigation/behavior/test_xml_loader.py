@@ -136,6 +136,16 @@ def test_the_default_trees_are_read_without_a_word(path: Path) -> None:
             "t.xml:1: Precondition, port 'else': must be RUNNING, SUCCESS, FAILURE or SKIPPED "
             "(got 'MAYBE')",
         ),
+        (
+            document('<ClearEntireCostmap service_name="loca_costmap/clear"/>'),
+            "t.xml:1: ClearEntireCostmap, port 'service_name': must begin with local_costmap/ or "
+            "global_costmap/ (got 'loca_costmap/clear')",
+        ),
+        (
+            document('<ClearEntireCostmap service_name="local_costmap/c" plugins="static_layer"/>'),
+            "t.xml:1: ClearEntireCostmap, port 'plugins': must be empty or of obstacle_layer, "
+            "voxel_layer, which can be cleared (got 'static_layer')",
+        ),
         (document('<FollowPath path=""/>'), "t.xml:1: FollowPath, port 'path': is missing"),
         (
             document('<SubTree ID="Mains"/>'),
@@ -172,6 +182,42 @@ def test_unknown_ports_are_ignored_with_a_word() -> None:
     assert file.warnings == (
         "t.xml:1: Spin, port 'spin_distance': ignored: no such port; did you mean spin_dist?",
     )
+
+
+@pytest.mark.parametrize(
+    ("text", "warnings"),
+    [
+        ('<ControllerSelector topic_name="/controller_selector"/>', ()),
+        ('<GoalCheckerSelector topic_name="goal_checker_selector"/>', ()),
+        (
+            '<ControllerSelector topic_name="my_selector"/>',
+            ("ControllerSelector, port 'topic_name': 'my_selector': nothing is heard there",),
+        ),
+        (
+            '<SmootherSelector topic_name="planner_selector"/>',
+            ("SmootherSelector, port 'topic_name': 'planner_selector': nothing is heard there",),
+        ),
+        (
+            '<IsPathValid path="{path}" layer_name="obstacle_layer" footprint="[]"/>',
+            (
+                "IsPathValid, port 'layer_name': 'obstacle_layer': ignored: the whole costmap is "
+                "tested",
+                "IsPathValid, port 'footprint': '[]': ignored: the robot's own is tested",
+            ),
+        ),
+        ('<IsBatteryLow min_battery="0.2" battery_topic="/battery_status"/>', ()),
+        (
+            '<IsBatteryLow min_battery="0.2" battery_topic="/bms"/>',
+            (
+                "IsBatteryLow, port 'battery_topic': '/bms': ignored: the battery is heard on "
+                "/battery_state",
+            ),
+        ),
+    ],
+)
+def test_a_port_without_effect_is_told(text: str, warnings: tuple[str, ...]) -> None:
+    file = read_tree(document(text), "t.xml")
+    assert file.warnings == tuple(f"t.xml:1: {warning}" for warning in warnings)
 
 
 def test_a_tree_of_an_older_format_is_read_with_a_word() -> None:

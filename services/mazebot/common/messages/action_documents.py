@@ -440,7 +440,9 @@ class ClearCostmap(Document):
     area: Literal["entirely", "except_region", "around_robot", "around_pose"] = "entirely"
     reset_distance_m: NonNegative = Field(1.0, description="side of the square of a region")
     pose: Planar | None = Field(None, description="centre of `around_pose`")
-    plugins: tuple[str, ...] = Field((), description="layers to clear; empty: all")
+    plugins: tuple[str, ...] = Field(
+        (), description="layers to clear, `obstacle_layer` or `voxel_layer`; empty: all"
+    )
 
 
 class Reply(Document):

@@ -252,6 +252,18 @@ GOAL_POSE = Topic(
     _EVERY,
     "the goal pose",
 )  # fmt: skip
+GOAL_UPDATE = Topic(
+    "/goal_update", msg.PoseStamped, (EDGE,), ("navigation", "recorder"), _EVERY,
+    "where the goal of the task has moved to, for `GoalUpdater` in a behaviour tree",
+)  # fmt: skip
+CONTROLLER_SELECTOR = Topic(
+    "/controller_selector", msg.String, (EDGE,), ("navigation", "recorder"), _LATCHED,
+    "name of a controller, for `ControllerSelector` in a behaviour tree; empty: the tree's default",
+)  # fmt: skip
+PLANNER_SELECTOR = Topic(
+    "/planner_selector", msg.String, (EDGE,), ("navigation", "recorder"), _LATCHED,
+    "name of a planner, for `PlannerSelector` in a behaviour tree; empty: the tree's default",
+)  # fmt: skip
 AMCL_POSE = Topic(
     "/amcl_pose", msg.PoseWithCovarianceStamped, ("localization", "mapping"),
     ("navigation", "explorer", "recorder"), _LATEST,

@@ -13,6 +13,7 @@ from mazebot.navigation.control.collision import Velocity
 from mazebot.navigation.planning.path import PlannedPath
 
 CostmapName = Literal["local", "global"]
+COSTMAPS: tuple[CostmapName, ...] = ("local", "global")
 ClearingArea = Literal["entirely", "except_region", "around_robot", "around_pose"]
 
 
@@ -26,8 +27,6 @@ class ClearRequest:
     """Side of the square around the robot or the pose."""
     pose: SE2 | None = None
     """Centre of `around_pose`."""
-    plugins: tuple[str, ...] = ()
-    """Layers to clear; empty: all that can be cleared."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,8 +62,7 @@ class PathCheck:
     max_cost: int = 254
     """A pose with this cost or more is in collision."""
     consider_unknown_as_obstacle: bool = False
-    layer_name: str = ""
-    """Test against this layer alone; empty: the whole costmap."""
+    """Whether a pose in a cell that is not known is in collision."""
     max_lookahead_distance_m: float = -1.0
     """Test this far along the path; negative: all of it."""
     stop_at_first_collision: bool = True
@@ -207,11 +205,17 @@ class NavigationContext(Protocol):
         ...
 
     def selected(self, topic_name: str) -> str | None:
-        """Last plugin name received on a selector topic such as `planner_selector`."""
+        """Last plugin name received on a selector topic such as `planner_selector`; empty or None:
+        none.
+        """
         ...
 
-    def updated_goals(self) -> tuple[SE2, ...]:
-        """Goals last received on `goal_update` or `goals_update`; empty: none."""
+    def begin_goal(self) -> None:
+        """The task gets its goal now: updates that were sent before do not count any more."""
+        ...
+
+    def updated_goal(self) -> SE2 | None:
+        """Goal last received on `goal_update` for the goal of the task; None: none."""
         ...
 
     def battery(self) -> BatteryCharge | None:

@@ -132,6 +132,7 @@ class TreeTask:
             for name, value in request.ports.items():
                 board.set(name, value)
         if goals:
+            self._context.begin_goal()
             board.set(GOAL, goals[-1])
             board.set(GOALS, goals)
             board.set(REQUESTED, goals)

@@ -11,8 +11,19 @@ from mazebot.navigation.planning.grid.search_grid import NO_PRICE, SOLID, search
 from mazebot.navigation.planning.grid.smoothing import densified, rounded
 from mazebot.navigation.planning.path import PlannedPath, path_through
 
+_NAMES = ("simple_smoother", "SmoothPath")
+"""In Nav2's parameters and trees; all stand for the one smoother that there is."""
 _GIVE_CELLS = 0.5
 """By so much a point may come nearer to an obstacle than it was."""
+
+
+def check_smoother(smoother_id: str) -> None:
+    """Raise NavigationError with INVALID_SMOOTHER where no smoother has this name."""
+    if smoother_id and smoother_id not in _NAMES:
+        raise NavigationError(
+            ErrorCode.INVALID_SMOOTHER,
+            f"smoother_id: {smoother_id!r:.60}: must be empty or one of {', '.join(_NAMES)}",
+        )
 
 
 def smoothed(

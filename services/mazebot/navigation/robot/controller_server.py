@@ -55,6 +55,18 @@ class ControllerServerParams(RobotLimits):
         ge=0,
         description="s; how long the controller may find no valid command before a recovery begins",
     )
+    goal_checker_plugins: tuple[str, ...] = Field(
+        ("general_goal_checker", "goal_checker"),
+        description="names that FollowPath may give in goal_checker_id; all are the one that there "
+        "is",
+    )
+    progress_checker_plugins: tuple[str, ...] = Field(
+        ("progress_checker",), description="names that FollowPath may give in progress_checker_id"
+    )
+    path_handler_plugins: tuple[str, ...] = Field(
+        ("PathHandler", "path_handler"),
+        description="names that FollowPath may give in path_handler_id",
+    )
     progress_checker: ProgressParams = ProgressParams()
     stuck_detector: StuckDetectorParams = StuckDetectorParams()
     sensor_timeout: float = Field(
@@ -103,15 +115,8 @@ class ControllerServer:
 
         Raises NavigationError with INVALID_CONTROLLER.
         """
-        name = request.controller_id
-        if name in _NAV2_DEFAULTS:
-            name = self.params.controller
-        if name not in self.controllers:
-            raise NavigationError(
-                ErrorCode.INVALID_CONTROLLER,
-                f"controller {name!r:.60}: must be one of {', '.join(sorted(self.controllers))}",
-            )
-        controller, followed = self.controllers[name], self.followed
+        self._check_plugins(request)
+        controller, followed = self._named(request.controller_id), self.followed
         continues = (
             controller is self.controller
             and controller.path is not None
@@ -132,6 +137,32 @@ class ControllerServer:
         rest = piece(request.path, first, len(request.path.points_m))
         controller.set_path(rest, same_goal=continues)
         return is_new
+
+    def check_name(self, controller_id: str) -> None:
+        """Raise NavigationError with INVALID_CONTROLLER where no controller has this name."""
+        self._named(controller_id)
+
+    def _check_plugins(self, request: FollowRequest) -> None:
+        params = self.params
+        for what, name, known in (
+            ("goal checker", request.goal_checker_id, params.goal_checker_plugins),
+            ("progress checker", request.progress_checker_id, params.progress_checker_plugins),
+            ("path handler", request.path_handler_id, params.path_handler_plugins),
+        ):
+            if name and name not in known:
+                raise NavigationError(
+                    ErrorCode.INVALID_CONTROLLER,
+                    f"{what} {name!r:.60}: must be empty or one of {', '.join(known)}",
+                )
+
+    def _named(self, controller_id: str) -> Controller:
+        name = self.params.controller if controller_id in _NAV2_DEFAULTS else controller_id
+        if name not in self.controllers:
+            raise NavigationError(
+                ErrorCode.INVALID_CONTROLLER,
+                f"controller {name!r:.60}: must be one of {', '.join(sorted(self.controllers))}",
+            )
+        return self.controllers[name]
 
     def control(self, now_ns: int, view: View, around: Surroundings) -> Control:
         """The next velocity along the path.

@@ -6,14 +6,16 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from mazebot.common.config import Params
-from mazebot.common.maths.frames import SE2
+from mazebot.common.maths.frames import SE2, Array
 from mazebot.common.messages.error_codes import ErrorCode
 from mazebot.common.world.costmap import Cells
 from mazebot.navigation.behavior.context import PathCheck
 from mazebot.navigation.behavior.nodes.path_parts import joined, nearest_index, piece, pose_on
+from mazebot.navigation.costmap.costmap import NO_INFORMATION
 from mazebot.navigation.costmap.footprint import Footprint, footprint_in_collision
 from mazebot.navigation.costmap.layered_costmap import (
     INSCRIBED_INFLATED_OBSTACLE,
@@ -30,13 +32,11 @@ from mazebot.navigation.planning.grid.search_grid import search_grid
 from mazebot.navigation.planning.interface import GlobalPlanner, GridPlannerParams
 from mazebot.navigation.planning.path import PlannedPath
 from mazebot.navigation.planning.planner import Planner
-from mazebot.navigation.planning.smoother import smoothed
+from mazebot.navigation.planning.smoother import check_smoother, smoothed
 from mazebot.navigation.robot.detours import Detours
 
 _NAV2_DEFAULTS = ("", "GridBased")
 """What Nav2's trees and parameter files call their planner: here, the one that is configured."""
-_SMOOTHERS = ("", "simple_smoother", "SmoothPath")
-"""Names in Nav2's parameters and trees; all stand for the one that there is."""
 _ON_PATH_CELLS = 3.0
 """A path is kept only while the robot is this near to it."""
 
@@ -240,12 +240,7 @@ class PlannerServer:
         self, path: PlannedPath, smoother_id: str, check_for_collisions: bool
     ) -> PlannedPath:
         """The path, smoothed. Raises NavigationError with Nav2's codes of SmoothPath."""
-        if smoother_id not in _SMOOTHERS:
-            raise NavigationError(
-                ErrorCode.INVALID_SMOOTHER,
-                f"smoother_id: {smoother_id!r:.60}: must be empty or one of "
-                f"{', '.join(filter(None, _SMOOTHERS))}",
-            )
+        check_smoother(smoother_id)
         costmap = self._costmap.master
         safe_m = self._footprint.circumscribed_radius_m
         smooth = smoothed(
@@ -272,7 +267,16 @@ class PlannerServer:
             self._costmap.master, self._costmap.static, self._footprint, path.points_m[:end],
             path.yaws_rad, check.max_cost, check.stop_at_first_collision,
         )  # fmt: skip
+        if check.consider_unknown_as_obstacle:
+            found = np.union1d(found, self._unknown(path.points_m[:end]))
+            found = found[: 1 if check.stop_at_first_collision else None]
         return tuple(pose_on(path, index) for index in found.tolist())
+
+    def _unknown(self, points_m: Array) -> NDArray[np.int64]:
+        """Indices of the (n, 2) places of which the costmap knows nothing."""
+        costmap = self._costmap.master
+        costs = np.array([costmap.cost_at(x_m, y_m) for x_m, y_m in points_m.tolist()])
+        return np.flatnonzero(costs == NO_INFORMATION)
 
     def _touches(self, costmap: Costmap, pose: SE2) -> bool:
         footprint, frame = self._footprint, costmap.frame
@@ -290,6 +294,10 @@ class PlannerServer:
         if use_footprint and self._touches(self._costmap.master, pose):
             return LETHAL_OBSTACLE
         return self._costmap.master.cost_at(pose.x_m, pose.y_m)
+
+    def check_name(self, planner_id: str) -> None:
+        """Raise NavigationError with INVALID_PLANNER where no planner has this name."""
+        self._planner(planner_id)
 
     def _planner(self, planner_id: str) -> GlobalPlanner:
         name = self._params.planner if planner_id in _NAV2_DEFAULTS else planner_id

@@ -35,6 +35,8 @@ _LOOK_AHEAD_S = 2.0
 _MIN_ECHOES = 3
 """Fewer echoes are noise."""
 _LATE_PERIODS = 2.0
+_SENT_WITH_NS = 500_000_000
+"""An update that is sent right after a goal may have been sent before the goal was taken."""
 
 
 @dataclass
@@ -60,6 +62,12 @@ class RobotContext:
     """Whether the command is the controller's."""
     wants_global_localization: bool = False
     monitor_enabled: bool = True
+    names_heard: dict[str, str] = field(default_factory=dict)
+    """Last name of a plugin heard on each selector topic, such as `planner_selector`."""
+    _goal_ns: int = 0
+    """When the task got its goal."""
+    _goal_update: SE2 | None = None
+    """Heard since then."""
 
     def __post_init__(self) -> None:
         self.gaps = NarrowGaps(self.costmap, self.footprint)
@@ -225,11 +233,24 @@ class RobotContext:
 
     def selected(self, topic_name: str) -> str | None:
         """See NavigationContext."""
-        return None
+        return self.names_heard.get(topic_name.lstrip("/"))
 
-    def updated_goals(self) -> tuple[SE2, ...]:
+    def hear_goal_update(self, goal: SE2, stamp_ns: int) -> bool:
+        """Take where the goal of the task has moved to, sent at a time, 0 where that is not known;
+        False where it was sent for a task before.
+        """
+        if stamp_ns and stamp_ns < self._goal_ns - _SENT_WITH_NS:
+            return False
+        self._goal_update = goal
+        return True
+
+    def begin_goal(self) -> None:
         """See NavigationContext."""
-        return ()
+        self._goal_ns, self._goal_update = self._view().now_ns, None
+
+    def updated_goal(self) -> SE2 | None:
+        """See NavigationContext."""
+        return self._goal_update
 
     def battery(self) -> BatteryCharge | None:
         """See NavigationContext."""

@@ -114,6 +114,22 @@ def draw_goal_pose(canvas: Canvas, goal: msg.PoseStamped) -> None:
     canvas.event("goal", f"goal: {_place_name(canvas, place)}")
 
 
+def draw_goal_update(canvas: Canvas, goal: msg.PoseStamped) -> None:
+    """Where the goal of the task has moved to."""
+    canvas.at(goal.header.stamp)
+    _draw_arrow(canvas, "goal_update", goal.pose, palette.PLAN)
+
+
+def draw_controller_selector(canvas: Canvas, name: msg.String) -> None:
+    """The controller chosen for a behaviour tree, in the log."""
+    canvas.log_text("controller_selector", f"controller: {name.data or 'default'}")
+
+
+def draw_planner_selector(canvas: Canvas, name: msg.String) -> None:
+    """The planner chosen for a behaviour tree, in the log."""
+    canvas.log_text("planner_selector", f"planner: {name.data or 'default'}")
+
+
 def _place_name(canvas: Canvas, at: SE2) -> str:
     """The name of the location there, if it has one, and its coordinates."""
     near_m = [

@@ -191,9 +191,9 @@ CONTROLLER_SERVER = namespace(
 controller_frequency double 20.0 >0 !20.0
 failure_tolerance double 0.0 >=-1
 controller_plugins strings [FollowPath] * =-
-goal_checker_plugins strings [goal_checker] * =-
-progress_checker_plugins strings [progress_checker] * =-
-path_handler_plugins strings [PathHandler] * =-
+goal_checker_plugins strings [goal_checker] *
+progress_checker_plugins strings [progress_checker] *
+path_handler_plugins strings [PathHandler] *
 odom_topic string odom * !odom
 - min_y_velocity_threshold # the robot cannot move sideways
 - min_x_velocity_threshold min_theta_velocity_threshold costmap_update_timeout

@@ -7,11 +7,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
+from mazebot.navigation.behavior.context import COSTMAPS, CostmapName
 from mazebot.navigation.behavior.engine.script import read_script
 
 PortType = Literal[
-    "text", "number", "integer", "flag", "codes", "pose", "poses", "path", "script", "status", "any"
-]
+    "text", "number", "integer", "flag", "codes", "pose", "poses", "path", "script", "status",
+    "any", "costmap", "layers",
+]  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +28,10 @@ class Port:
     """The node writes it."""
     required: bool = False
     """The XML must connect it or give its value."""
+    no_effect: str = ""
+    """What to warn of where the XML gives it, since it has no effect; empty: it has one."""
+    unless: tuple[str, ...] = ()
+    """Texts that have an effect all the same."""
 
 
 def out(name: str, kind: PortType = "any") -> Port:
@@ -87,6 +93,35 @@ def as_status(value: object) -> str:
     return name
 
 
+def as_costmap(value: object) -> CostmapName:
+    """Which costmap a clear service is of: Nav2's names have a part with the costmap's. Raises
+    ValueError.
+    """
+    parts = str(value).split("/")
+    for name in COSTMAPS:
+        if f"{name}_costmap" in parts:
+            return name
+    raise ValueError(f"must begin with local_costmap/ or global_costmap/ (got {value!r:.80})")
+
+
+CLEARABLE_LAYERS = ("obstacle_layer", "voxel_layer")
+"""Nav2's names for what clearing a costmap clears, which here is one layer."""
+
+
+def as_layers(value: object) -> tuple[str, ...]:
+    """Names of layers to clear, written `obstacle_layer;voxel_layer`. Raises ValueError."""
+    parts = value if isinstance(value, tuple | list) else str(value or "").replace(",", ";")
+    parts = parts.split(";") if isinstance(parts, str) else parts
+    names = tuple(part for part in (str(one).strip() for one in parts) if part)
+    for name in names:
+        if name not in CLEARABLE_LAYERS:
+            raise ValueError(
+                f"must be empty or of {', '.join(CLEARABLE_LAYERS)}, which can be cleared "
+                f"(got {name!r:.60})"
+            )
+    return names
+
+
 READERS: dict[PortType, Callable[[object], object]] = {
     "text": str,
     "number": as_number,
@@ -96,6 +131,8 @@ READERS: dict[PortType, Callable[[object], object]] = {
     "script": read_script,
     "status": as_status,
     "any": str,
+    "costmap": as_costmap,
+    "layers": as_layers,
     "pose": _on_the_blackboard,
     "poses": _on_the_blackboard,
     "path": _on_the_blackboard,

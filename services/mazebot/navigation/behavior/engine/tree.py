@@ -12,10 +12,17 @@ from types import MappingProxyType
 from typing import ClassVar, NamedTuple, Protocol, TypeVar
 
 from mazebot.common.maths.frames import SE2
-from mazebot.navigation.behavior.context import NavigationContext, TrackingFeedback
+from mazebot.navigation.behavior.context import CostmapName, NavigationContext, TrackingFeedback
 from mazebot.navigation.behavior.docking.docking import DockingParams, DockingStep
 from mazebot.navigation.behavior.engine.blackboard import Blackboard
-from mazebot.navigation.behavior.engine.ports import Port, as_flag, as_integer, as_number
+from mazebot.navigation.behavior.engine.ports import (
+    Port,
+    as_costmap,
+    as_flag,
+    as_integer,
+    as_layers,
+    as_number,
+)
 from mazebot.navigation.behavior.engine.script import Script, ScriptError, read_script
 from mazebot.navigation.behavior.motions.motion import BehaviorServerParams, Motion
 from mazebot.navigation.planning.path import PlannedPath
@@ -280,6 +287,14 @@ class Node(ABC):
     def flag(self, port: str) -> bool:
         """Value of an input port that holds true or false."""
         return self._read(port, as_flag)
+
+    def costmap(self, port: str) -> CostmapName:
+        """Value of an input port that names a clear service: the costmap of that."""
+        return self._read(port, as_costmap)
+
+    def layers(self, port: str) -> tuple[str, ...]:
+        """Value of an input port that names layers to clear; empty: all."""
+        return self._read(port, as_layers)
 
     def text(self, port: str) -> str:
         """Value of an input port as text; empty where there is none."""

@@ -321,7 +321,9 @@ class GoalUpdatedController(Paced):
 
 
 class GoalUpdater(Decorator):
-    """Gives its child the goal last received on `goal_update`, or else the goal of the task."""
+    """Gives its child the goal last received on `goal_update`, or else the goal of the task, whose
+    other goals stay as they are.
+    """
 
     ports = (
         Port("input_goal", "pose"),
@@ -331,10 +333,8 @@ class GoalUpdater(Decorator):
     )
 
     def _tick(self, now_ns: int) -> NodeStatus:
-        updated = self.context.updated_goals()
-        goal, goals = self.pose("input_goal"), self.poses("input_goals")
-        if updated:
-            goal, goals = updated[-1], updated
+        goal = self.context.updated_goal() or self.pose("input_goal")
+        goals = self.poses("input_goals")
         if goal is not None:
             self.put("output_goal", goal)
         if goals:

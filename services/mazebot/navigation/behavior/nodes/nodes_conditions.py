@@ -227,13 +227,19 @@ class IsStuck(Condition):
         return now_ns - self._since_ns >= 3_000_000_000
 
 
+_BATTERY_TOPIC = Port(
+    "battery_topic", no_effect="ignored: the battery is heard on /battery_state",
+    unless=("/battery_state", "battery_state", "/battery_status", "battery_status"),
+)  # fmt: skip
+
+
 class IsBatteryLow(Condition):
     """Holds while the battery has `min_battery` (0 to 1, or with `is_voltage` volts) or less; not
     before it has said so. `/battery_state` is heard, whatever the topic.
     """
 
     ports = (
-        Port("min_battery", "number", required=True), Port("battery_topic"),
+        Port("min_battery", "number", required=True), _BATTERY_TOPIC,
         Port("is_voltage", "flag", "false"),
     )  # fmt: skip
 
@@ -248,7 +254,7 @@ class IsBatteryLow(Condition):
 class IsBatteryCharging(Condition):
     """Holds while the battery says that it is being charged."""
 
-    ports = (Port("battery_topic"),)
+    ports = (_BATTERY_TOPIC,)
 
     def _holds(self, now_ns: int) -> bool:
         battery = self.context.battery()

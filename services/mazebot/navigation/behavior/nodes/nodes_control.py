@@ -8,7 +8,6 @@ from mazebot.common.messages.error_codes import ErrorCode
 from mazebot.navigation.behavior.context import (
     ClearingArea,
     ClearRequest,
-    CostmapName,
     FollowRequest,
 )
 from mazebot.navigation.behavior.engine.ports import Port, out
@@ -87,20 +86,20 @@ class ClearEntireCostmap(ActionNode):
     action = "ClearEntireCostmap"
     area: ClassVar[ClearingArea] = "entirely"
     ports: ClassVar[tuple[Port, ...]] = (
-        Port("service_name", required=True),
+        Port("service_name", "costmap", required=True),
         Port("server_timeout", "number"),
-        Port("plugins"),
+        Port("plugins", "layers"),
     )
 
     def _on_running(self, now_ns: int) -> NodeStatus:
-        plugins = self.text("plugins").replace(",", ";").split(";")
+        # Those that are valid are all that can be cleared.
+        self.layers("plugins")
         self.context.clear_costmap(
             ClearRequest(
-                costmap_of(self.text("service_name")),
+                self.costmap("service_name"),
                 self.area,
                 self.number("reset_distance") if self.get("reset_distance") is not None else 1.0,
                 self.pose("pose"),
-                tuple(name.strip() for name in plugins if name.strip()),
             )
         )
         return SUCCESS
@@ -134,11 +133,6 @@ class ClearCostmapAroundPose(ClearEntireCostmap):
     )
 
 
-def costmap_of(service_name: str) -> CostmapName:
-    """Which costmap a clear service is of: Nav2's names begin with the costmap's."""
-    return "local" if "local" in service_name else "global"
-
-
 class Selector(Node):
     """The plugin name last received on a topic, or else the default."""
 
@@ -152,11 +146,15 @@ class Selector(Node):
 
 def selector(kind: str, what: str) -> type[Selector]:
     """The selector node of one kind of plugin."""
+    topic = f"{what}_selector"
     ports = (
-        Port("topic_name", default=f"{what}_selector"),
+        Port(
+            "topic_name", default=topic, no_effect="nothing is heard there",
+            unless=(topic, f"/{topic}"),
+        ),
         Port(f"default_{what}"),
         out(f"selected_{what}", "text"),
-    )
+    )  # fmt: skip
     return type(kind, (Selector,), {"what": what, "ports": ports, "__doc__": f"Selects a {what}."})
 
 

@@ -21,6 +21,7 @@ from mazebot.navigation.behavior.nodes.path_parts import (
 )
 from mazebot.navigation.errors import NavigationError
 from mazebot.navigation.planning.path import PlannedPath
+from mazebot.navigation.planning.smoother import check_smoother
 
 SUCCESS, FAILURE = NodeStatus.SUCCESS, NodeStatus.FAILURE
 _THROUGH_POSES = ErrorCode.THROUGH_POSES_UNKNOWN - ErrorCode.PLANNER_UNKNOWN
@@ -120,6 +121,7 @@ class SmoothPath(ActionNode):
         path = self.path("unsmoothed_path")
         if path is None:
             raise NavigationError(ErrorCode.SMOOTHER_INVALID_PATH, "no path to smooth")
+        check_smoother(self.text("smoother_id"))
         if self.flag("check_for_collisions"):
             hit = self.context.collisions(path, PathCheck())
             if hit:
@@ -140,8 +142,8 @@ class ValidatePath(Node):
         Port("path", "path", required=True),
         Port("max_cost", "integer", "254"),
         Port("consider_unknown_as_obstacle", "flag", "false"),
-        Port("layer_name"),
-        Port("footprint"),
+        Port("layer_name", no_effect="ignored: the whole costmap is tested"),
+        Port("footprint", no_effect="ignored: the robot's own is tested"),
         Port("stop_at_first_collision", "flag", "true"),
         Port("max_lookahead_distance", "number", "-1"),
         Port("server_name"),
@@ -157,7 +159,6 @@ class ValidatePath(Node):
         check = PathCheck(
             max_cost=self.integer("max_cost"),
             consider_unknown_as_obstacle=self.flag("consider_unknown_as_obstacle"),
-            layer_name=self.text("layer_name"),
             max_lookahead_distance_m=self.number("max_lookahead_distance"),
             stop_at_first_collision=self.flag("stop_at_first_collision"),
         )

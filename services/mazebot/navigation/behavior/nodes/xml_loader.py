@@ -293,6 +293,10 @@ class _Checker:
         for name, text in given.items():
             if name in ports:
                 _check_text(at, ports[name], text)
+                if ports[name].no_effect and text not in ports[name].unless:
+                    self.warnings.append(
+                        f"{at}, port {name!r}: {text!r:.60}: {ports[name].no_effect}"
+                    )
             elif name not in _RESERVED | _SCRIPTS:
                 self.warnings.append(
                     f"{at}, port {name!r:.60}: ignored: no such port{_meant(name, ports)}"
