@@ -45,6 +45,7 @@ from mazebot.common.messages.topics import (
     CMD_VEL_TELEOP,
     COLLISION_MONITOR_STATE,
     COMPUTE_PATH,
+    CONTROLLER_SELECTOR,
     DEPTH_SCAN,
     DETECTIONS,
     ENTITIES,
@@ -52,6 +53,7 @@ from mazebot.common.messages.topics import (
     GLOBAL_COSTMAP_UPDATES,
     GLOBAL_LOCALIZATION_REQUEST,
     GOAL_POSE,
+    GOAL_UPDATE,
     INPUT_AT_WAYPOINT,
     KEEPOUT_FILTER_MASK,
     LOCAL_COSTMAP,
@@ -67,6 +69,7 @@ from mazebot.common.messages.topics import (
     PHOTO,
     PHOTO_REQUEST,
     PLAN,
+    PLANNER_SELECTOR,
     PUBLISHED_FOOTPRINT,
     SCAN,
     SEND_GOAL,
@@ -111,7 +114,6 @@ from mazebot.navigation.costmap.zones import Zones, zones_of
 from mazebot.navigation.drive import Drive
 from mazebot.navigation.errors import NavigationError
 from mazebot.navigation.goals import Goal, Goals, input_at_waypoint, pause_goal
-from mazebot.navigation.hearing import hear_goal_updates, hear_selectors
 from mazebot.navigation.kernels import check_parts, compile_kernels
 from mazebot.navigation.mask_files import masks_of
 from mazebot.navigation.messages import (
@@ -144,6 +146,7 @@ _COSTMAP_UPDATES_PERIOD_NS = 200_000_000
 _LOCAL_COSTMAP_PERIOD_NS = 500_000_000
 _TREE_PERIOD_NS = 200_000_000
 _TRAJECTORIES_PERIOD_NS = 500_000_000
+_REJECTED_PERIOD_NS = 1_000_000_000
 _LOCALIZATION = "localization to converge"
 
 
@@ -277,9 +280,9 @@ class NavigationNode(Node):
         self._goals.take_poses(now_ns, inbox.new(GOAL_POSE), self._ready_drive)
         self._answer(now_ns, inbox)
         if self._drive is not None:
+            self._hear_selectors(inbox, self._drive.robot)
             # After the goals, so that what is sent right after a goal counts for it.
-            hear_selectors(inbox, self._drive.robot)
-            hear_goal_updates(inbox, self._drive.robot)
+            self._hear_goal_updates(now_ns, inbox, self._drive.robot)
         self._set_parameters(now_ns, inbox, outbox)
         self._control(now_ns, outbox, passes)
         self._publish(now_ns, outbox)
@@ -524,6 +527,40 @@ class NavigationNode(Node):
             if self._watch.is_of_this_run(stamp_ns, PHOTO, inbox):
                 self._photo_requested_ns = None
                 self._drive.navigator.exchange.photos += 1
+
+    def _hear_selectors(self, inbox: Inbox, robot: RobotContext) -> None:
+        """Take the names of the plugins that a behaviour tree is to use; a name that there is none
+        of changes nothing.
+        """
+        for topic, check in (
+            (CONTROLLER_SELECTOR, robot.controller_server.check_name),
+            (PLANNER_SELECTOR, robot.planner_server.check_name),
+        ):
+            for name in inbox.new(topic):
+                try:
+                    check(name.data)
+                except NavigationError as error:
+                    inbox.reject(topic, "unknown name")
+                    _LOG.error("%s: %s", topic.name, error.message)
+                else:
+                    robot.names_heard[topic.name.lstrip("/")] = name.data
+
+    def _hear_goal_updates(self, now_ns: int, inbox: Inbox, robot: RobotContext) -> None:
+        """Take where the goal of the task has moved to."""
+        for update in inbox.new(GOAL_UPDATE):
+            frame_id, stamp_ns = update.header.frame_id, msg.ns_from_time(update.header.stamp)
+            if frame_id not in ("", MAP_FRAME):
+                reason = "frame_id is not map"
+                problem = f"frame_id {frame_id!r:.40}: must be 'map' or empty"
+            elif not robot.hear_goal_update(msg.se2_from_pose(update.pose), stamp_ns):
+                reason = "older than the goal"
+                problem = f"stamp {stamp_ns * 1e-9:.3f} s: must not be older than the task's goal"
+            else:
+                continue
+            inbox.reject(GOAL_UPDATE, reason)
+            # They may come many times a second.
+            if self._schedule.is_due(reason, now_ns, _REJECTED_PERIOD_NS):
+                _LOG.error("%s: %s", GOAL_UPDATE.name, problem)
 
     def _localized(self) -> bool:
         """Whether the pose is known and can be trusted."""
