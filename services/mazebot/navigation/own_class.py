@@ -8,7 +8,9 @@ import sysconfig
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
+from copy import deepcopy
 from dataclasses import replace
+from numbers import Real
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -16,14 +18,13 @@ import numpy as np
 
 from mazebot.common.config import ConfigError
 from mazebot.common.files.root import ROOT
-from mazebot.common.maths import portable
 from mazebot.common.maths.frames import SE2, Array
 from mazebot.navigation.control.collision import Surroundings, Velocity
 from mazebot.navigation.control.controller import Control, Controller, ControllerParams
 from mazebot.navigation.costmap.layered_costmap import Costmap
 from mazebot.navigation.errors import NavigationError
 from mazebot.navigation.planning.interface import GlobalPlanner, PlannerParams
-from mazebot.navigation.planning.path import PlannedPath, dense
+from mazebot.navigation.planning.path import PlannedPath, dense, path_through
 
 _NOT_THEIRS = (
     str(Path(__file__).parents[1]),
@@ -53,8 +54,8 @@ class OwnClass:
         except Exception as error:
             if not isinstance(error, (*passed, OwnClassError)):
                 raise self._raised(method, error) from error
-            if isinstance(error, NavigationError) and not isinstance(error.code, int):
-                must = "a number, such as ErrorCode.NO_VALID_PATH"
+            if isinstance(error, NavigationError) and not _is_code(error.code):
+                must = "a number above 0, such as ErrorCode.NO_VALID_PATH"
                 what = f"raised NavigationError with the code {error.code!r:.40}"
                 raise self._wrong(method, what, must) from error
             raise
@@ -106,8 +107,13 @@ def _shown(file: str) -> str:
         return file.removeprefix(f"{ROOT}/")
 
 
+def _is_code(value: object) -> bool:
+    """Whether it is a code of an action's result, a uint16, and not 0: that is success."""
+    return isinstance(value, int) and 0 < value < 2**16
+
+
 def _is_number(value: object) -> bool:
-    return isinstance(value, float | int | np.floating) and math.isfinite(value)
+    return isinstance(value, Real) and math.isfinite(value)
 
 
 def is_velocity(value: object) -> bool:
@@ -119,36 +125,18 @@ def is_velocity(value: object) -> bool:
     )
 
 
+def _as_velocity(value: tuple[float, float]) -> Velocity:
+    return Velocity(*map(float, value))
+
+
 def _is_flag(value: object) -> bool:
     return isinstance(value, bool | np.bool_)
 
 
-def _copied(costmap: Costmap) -> Costmap:
-    """Of its own arrays: what a user's class writes into them must not blind the rest."""
-    return replace(costmap, costs=costmap.costs.copy(), distance_m=costmap.distance_m.copy())
-
-
-def _copied_around(around: Surroundings) -> Surroundings:
-    forbidden = around.forbidden
-    return replace(
-        around,
-        costmap=_copied(around.costmap),
-        echoes_m=around.echoes_m.copy(),
-        forbidden=None if forbidden is None else forbidden.copy(),
-    )
-
-
-def _copied_path(path: PlannedPath) -> PlannedPath:
-    return replace(
-        path,
-        points_m=path.points_m.copy(),
-        yaws_rad=path.yaws_rad.copy(),
-        along_m=path.along_m.copy(),
-    )
-
-
 class OwnController:
-    """A user's controller, whose every call is checked."""
+    """A user's controller, whose every call is checked. What it is given is its own: what it
+    writes there, the rest of navigation does not see.
+    """
 
     Params: ClassVar[type[ControllerParams]] = ControllerParams
 
@@ -201,17 +189,17 @@ class OwnController:
             velocity = self._controller.velocity
         if not is_velocity(velocity):
             raise self._own.refused("velocity", velocity, _VELOCITY)
-        return Velocity(*velocity)
+        return _as_velocity(velocity)
 
     def set_path(self, path: PlannedPath, same_goal: bool) -> None:
         """See Controller."""
         with self._own.calling("set_path", NavigationError):
-            self._controller.set_path(_copied_path(path), same_goal)
+            self._controller.set_path(deepcopy(path), same_goal)
 
     def step(self, elapsed_s: float, around: Surroundings) -> Control:
         """See Controller."""
         with self._own.calling("step", NavigationError):
-            made = self._controller.step(elapsed_s, _copied_around(around))
+            made = self._controller.step(elapsed_s, deepcopy(around))
         if not isinstance(made, Control) or not is_velocity(made.velocity):
             must = "a Control, with a Velocity of two finite numbers"
             raise self._own.refused("step", made, must)
@@ -222,7 +210,7 @@ class OwnController:
             must = "a Control, with distance_remaining_m of at least 0, and finite"
             raise self._own.refused("step", made, must)
         return Control(
-            Velocity(*made.velocity), bool(made.reached), bool(made.blocked),
+            _as_velocity(made.velocity), bool(made.reached), bool(made.blocked),
             float(made.distance_remaining_m),
         )  # fmt: skip
 
@@ -240,10 +228,10 @@ def _check_command(controller: Any, own: OwnClass) -> None:
     base computes with it before anybody else sees it.
     """
     for method, must, is_right, as_made in (
-        ("command", _VELOCITY, is_velocity, lambda made: Velocity(*made)),
+        ("command", _VELOCITY, is_velocity, _as_velocity),
         (
             "_drive", f"{_VELOCITY}, and whether the way is blocked", _is_drive,
-            lambda made: (Velocity(*made[0]), bool(made[1])),
+            lambda made: (_as_velocity(made[0]), bool(made[1])),
         ),
     ):  # fmt: skip
         if not hasattr(controller, method):
@@ -273,7 +261,7 @@ def _is_drive(value: object) -> bool:
 
 
 class OwnPlanner:
-    """A user's planner, whose every call is checked."""
+    """A user's planner, whose every call is checked, and whose costmap is its own."""
 
     def __init__(self, spec: str, planner: GlobalPlanner, params: PlannerParams) -> None:
         self._own = OwnClass("planner", spec, type(planner))
@@ -285,26 +273,25 @@ class OwnPlanner:
     ) -> PlannedPath:
         """See GlobalPlanner."""
         with self._own.calling("plan", NavigationError):
-            path = self._planner.plan(_copied(costmap), start, goal, tolerance_m)
+            path = self._planner.plan(deepcopy(costmap), start, goal, tolerance_m)
         must = "a PlannedPath of two points or more, (n, 2), with n yaws, all finite"
         if not isinstance(path, PlannedPath):
             raise self._own.refused("plan", path, must)
         with self._own.calling("plan"):
-            points_m, yaws_rad, along_m = (
-                np.array(part, np.float64) for part in (path.points_m, path.yaws_rad, path.along_m)
-            )
+            parts = (path.points_m, path.yaws_rad, path.along_m, (path.cost_m, path.way_out_m))
+            points_m, yaws_rad, along_m, lengths_m = (np.array(part, np.float64) for part in parts)
         count = len(points_m)
         shapes = (points_m.shape, yaws_rad.shape, along_m.shape)
         if count < 2 or shapes != ((count, 2), (count,), (count,)):
             raise self._own.refused_with("plan", f"shapes {shapes}", must)
-        if not all(np.isfinite(part).all() for part in (points_m, yaws_rad, along_m)):
+        if not all(np.isfinite(part).all() for part in (points_m, yaws_rad, along_m, lengths_m)):
             raise self._own.refused_with("plan", "a number that is not finite", must)
-        steps_m = portable.hypot_each(*np.diff(points_m, axis=0).T)
-        if along_m[0] != 0.0 or np.abs(np.diff(along_m) - steps_m).max() > _ALONG_ERROR_M:
+        exact_m = path_through(points_m, 0.0).along_m
+        if np.abs(along_m - exact_m).max() > _ALONG_ERROR * (1.0 + exact_m[-1]):
             must = "the length of the path up to each point, as path_through() makes it"
             raise self._own.refused_with("plan", "along_m that is not right", must)
         self._check_ends(points_m, costmap.frame.resolution_m, start, goal, tolerance_m)
-        return dense(replace(path, points_m=points_m, yaws_rad=yaws_rad, along_m=along_m))
+        return dense(replace(path, points_m=points_m, yaws_rad=yaws_rad, along_m=exact_m))
 
     def _check_ends(
         self, points_m: Array, cell_m: float, start: SE2, goal: SE2, tolerance_m: float
@@ -324,6 +311,7 @@ class OwnPlanner:
                 )
 
 
-_ALONG_ERROR_M = 1e-3
+_ALONG_ERROR = 1e-3
+"""Of the path's length and 1 m: single precision is near enough."""
 _END_CELLS = 2.0
 """So many cells away from where it should be, an end of a path may lie: in a cell's centre."""

@@ -156,7 +156,8 @@ class TreeTask:
             return None
         if status is NodeStatus.SUCCESS:
             unplanned, self._unplanned_since = self._unplanned_since, None
-            if unplanned == run.plans:
+            # A tree that never plans drives to no goal.
+            if unplanned == run.plans and run.plans:
                 return None
             return Ending(0, "")
         cause = run.cause()

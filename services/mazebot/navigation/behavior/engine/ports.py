@@ -11,8 +11,8 @@ from mazebot.navigation.behavior.context import COSTMAPS, CostmapName
 from mazebot.navigation.behavior.engine.script import read_script
 
 PortType = Literal[
-    "text", "number", "integer", "flag", "codes", "pose", "poses", "path", "script", "status",
-    "any", "costmap", "layers",
+    "text", "number", "integer", "natural", "times", "flag", "codes", "pose", "poses", "path",
+    "script", "status", "any", "costmap", "layers",
 ]  # fmt: skip
 
 
@@ -58,6 +58,22 @@ def as_integer(value: object) -> int:
     if not number.is_integer():
         raise ValueError(f"must be an integer (got {value!r:.40})")
     return int(number)
+
+
+def as_natural(value: object) -> int:
+    """The whole number of at least 0 that a port holds. Raises ValueError."""
+    number = as_integer(value)
+    if number < 0:
+        raise ValueError(f"must be at least 0 (got {value!r:.40})")
+    return number
+
+
+def as_times(value: object) -> int:
+    """How often: a whole number of at least 0, or -1 for without end. Raises ValueError."""
+    number = as_integer(value)
+    if number < -1:
+        raise ValueError(f"must be at least 0, or -1 for without end (got {value!r:.40})")
+    return number
 
 
 _FLAGS = {"true": True, "1": True, "false": False, "0": False}
@@ -126,6 +142,8 @@ READERS: dict[PortType, Callable[[object], object]] = {
     "text": str,
     "number": as_number,
     "integer": as_integer,
+    "natural": as_natural,
+    "times": as_times,
     "flag": as_flag,
     "codes": as_codes,
     "script": read_script,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import operator
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -13,6 +13,7 @@ from mazebot.navigation.behavior.engine.blackboard import Blackboard
 
 Value = float | str
 Term = Callable[[Blackboard], Value]
+Comparison = Callable[[Value, Value], bool]
 
 _TOKEN = re.compile(
     r"\s*(?:(?P<number>0[xX][0-9a-fA-F]+|(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
@@ -85,7 +86,7 @@ class _Parser:
         return partial(_assign, name, sign, self._choice())
 
     def _choice(self) -> Term:
-        condition = self._either()
+        condition = self._logical()
         if not self._take("?"):
             return condition
         yes = self._choice()
@@ -93,23 +94,25 @@ class _Parser:
         no = self._choice()
         return lambda board: yes(board) if _truth(condition(board)) else no(board)
 
-    def _either(self) -> Term:
-        left = self._both()
-        while self._take("||"):
-            left = partial(_either, left, self._both())
+    def _logical(self) -> Term:
+        left = self._comparison()
+        while (sign := self._sign()) in _LOGICAL:
+            self._at += 1
+            left = partial(_LOGICAL[sign], left, self._comparison())
         return left
 
-    def _both(self) -> Term:
-        left = self._binary(0)
-        while self._take("&&"):
-            left = partial(_both, left, self._binary(0))
-        return left
+    def _comparison(self) -> Term:
+        first, others = self._binary(0), []
+        while (sign := self._sign()) in _COMPARISONS:
+            self._at += 1
+            others.append((_COMPARISONS[sign], self._binary(0)))
+        return partial(_compared, first, others) if others else first
 
     def _binary(self, level: int) -> Term:
         if level == len(_LEVELS):
             return self._unary()
         left = self._binary(level + 1)
-        while (sign := self._next()[1]) in _LEVELS[level] and self._next()[0] == "sign":
+        while (sign := self._sign()) in _LEVELS[level]:
             self._at += 1
             left = partial(_apply, _LEVELS[level][sign], left, self._binary(level + 1))
         return left
@@ -152,6 +155,11 @@ class _Parser:
     def _next(self) -> tuple[str, str]:
         return self._tokens[self._at] if self._at < len(self._tokens) else ("", "")
 
+    def _sign(self) -> str:
+        """The next token if it is a sign, else nothing."""
+        kind, word = self._next()
+        return word if kind == "sign" else ""
+
     def _take(self, sign: str) -> bool:
         found = self._next() == ("sign", sign)
         self._at += found
@@ -185,9 +193,7 @@ def _assign(name: str, sign: str, term: Term, board: Blackboard) -> Value:
     if sign == "=" and name not in board:
         raise ScriptError(f"{name!r:.60} is not on the blackboard: must be given by := first")
     if sign not in (":=", "="):
-        before = _read(name, board)
-        joins = sign == "+=" and isinstance(before, str) and isinstance(value, str)
-        value = before + value if joins else _SUMS[sign[0]](before, value)  # type: ignore[operator]
+        value = _SUMS[sign[0]](_read(name, board), value)
     board.set(name, value)
     return value
 
@@ -231,18 +237,40 @@ def _divide(left: Value, right: Value) -> Value:
     return _number(left) / _number(right)
 
 
-def _compared(compare: Callable[[Any, Any], Any]) -> Callable[[Value, Value], Value]:
-    def work(left: Value, right: Value) -> Value:
+def _compared(first: Term, others: Sequence[tuple[Comparison, Term]], board: Blackboard) -> Value:
+    """Whether each comparison of neighbours holds, as in `0 < x < 5`."""
+    left = first(board)
+    for compare, term in others:
+        right = term(board)
+        if not compare(left, right):
+            return 0.0
+        left = right
+    return 1.0
+
+
+def _same(left: Value, right: Value) -> bool:
+    if isinstance(left, str) and isinstance(right, str):
+        return left == right
+    try:
+        one, other = _number(left), _number(right)
+    except ScriptError:
+        return False
+    return one == other or abs(one - other) <= _SAME
+
+
+def _ordered(compare: Callable[[Any, Any], bool]) -> Comparison:
+    def work(left: Value, right: Value) -> bool:
         if isinstance(left, str) and isinstance(right, str):
-            return float(compare(left, right))
-        try:
-            return float(compare(_number(left), _number(right)))
-        except ScriptError:
-            if compare in (operator.eq, operator.ne):
-                return float(compare is operator.ne)
-            raise
+            return compare(left, right)
+        return compare(_number(left), _number(right))
 
     return work
+
+
+def _sum(left: Value, right: Value) -> Value:
+    if isinstance(left, str) and isinstance(right, str):
+        return left + right
+    return _number(left) + _number(right)
 
 
 def _numbers(work: Callable[[float, float], float]) -> Callable[[Value, Value], Value]:
@@ -261,26 +289,27 @@ def as_text(value: object) -> str:
 
 
 _SUMS: Mapping[str, Callable[[Value, Value], Value]] = {
-    "+": _numbers(operator.add),
+    "+": _sum,
     "-": _numbers(operator.sub),
     "*": _numbers(operator.mul),
     "/": _divide,
 }
+_SAME = 2.0**-23
+"""Numbers that differ by no more are equal: float's epsilon, as in BehaviorTree.CPP."""
+_COMPARISONS: Mapping[str, Comparison] = {
+    "==": _same,
+    "!=": lambda left, right: not _same(left, right),
+    "<=": _ordered(operator.le),
+    ">=": _ordered(operator.ge),
+    "<": _ordered(operator.lt),
+    ">": _ordered(operator.gt),
+}
+_LOGICAL = {"||": _either, "&&": _both}
+"""On one level, from left to right, as in BehaviorTree.CPP."""
 _LEVELS: tuple[Mapping[str, Callable[[Value, Value], Value]], ...] = (
-    {
-        sign: _compared(compare)
-        for sign, compare in (
-            ("==", operator.eq),
-            ("!=", operator.ne),
-            ("<=", operator.le),
-            (">=", operator.ge),
-            ("<", operator.lt),
-            (">", operator.gt),
-        )
-    },
     {"|": _bits(operator.or_), "^": _bits(operator.xor), "&": _bits(operator.and_)},
     {"..": lambda left, right: as_text(left) + as_text(right)},
     {sign: _SUMS[sign] for sign in "+-"},
     {sign: _SUMS[sign] for sign in "*/"},
 )
-"""Operators, those that bind least first."""
+"""Operators that bind more than a comparison, those that bind least first."""

@@ -21,7 +21,9 @@ from mazebot.navigation.behavior.engine.ports import (
     as_flag,
     as_integer,
     as_layers,
+    as_natural,
     as_number,
+    as_times,
 )
 from mazebot.navigation.behavior.engine.script import Script, ScriptError, read_script
 from mazebot.navigation.behavior.motions.motion import BehaviorServerParams, Motion
@@ -283,6 +285,14 @@ class Node(ABC):
     def integer(self, port: str) -> int:
         """Value of an input port that holds a whole number."""
         return self._read(port, as_integer)
+
+    def natural(self, port: str) -> int:
+        """Value of an input port that holds a whole number of at least 0."""
+        return self._read(port, as_natural)
+
+    def times(self, port: str) -> int:
+        """Value of an input port that says how often: at least 0, or -1 for without end."""
+        return self._read(port, as_times)
 
     def flag(self, port: str) -> bool:
         """Value of an input port that holds true or false."""

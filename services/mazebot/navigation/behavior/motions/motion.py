@@ -115,7 +115,9 @@ DONE = MotionStep(True, STOP)
 
 
 def is_over(running_s: float, time_allowance_s: float) -> bool:
-    """Whether a behaviour has used up its time; an allowance of 0 or below is none, as in Nav2."""
+    """Whether a behaviour has used up its time. An allowance of 0, or below, is no limit, as in
+    Nav2.
+    """
     return 0.0 < time_allowance_s < running_s
 
 

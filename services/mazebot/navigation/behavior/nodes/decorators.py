@@ -71,14 +71,14 @@ class KeepRunningUntilFailure(Decorator):
 class Repeat(Decorator):
     """Ticks its child until it has succeeded `num_cycles` times (-1: without end) or fails."""
 
-    ports = (Port("num_cycles", "integer", required=True),)
+    ports = (Port("num_cycles", "times", required=True),)
 
     def __init__(self, place: NodePlace, children: Sequence[Node] = ()) -> None:
         super().__init__(place, children)
         self._cycles = 0
 
     def _tick(self, now_ns: int) -> NodeStatus:
-        wanted = self.integer("num_cycles")
+        wanted = self.times("num_cycles")
         while wanted < 0 or self._cycles < wanted:
             status = self._ended(self.child.tick(now_ns))
             if status is not SUCCESS:
@@ -100,14 +100,14 @@ class Repeat(Decorator):
 class RetryUntilSuccessful(Decorator):
     """Ticks its child until it succeeds or has failed `num_attempts` times (-1: without end)."""
 
-    ports = (Port("num_attempts", "integer", required=True),)
+    ports = (Port("num_attempts", "times", required=True),)
 
     def __init__(self, place: NodePlace, children: Sequence[Node] = ()) -> None:
         super().__init__(place, children)
         self._attempts = 0
 
     def _tick(self, now_ns: int) -> NodeStatus:
-        wanted = self.integer("num_attempts")
+        wanted = self.times("num_attempts")
         while wanted < 0 or self._attempts < wanted:
             status = self._ended(self.child.tick(now_ns))
             if status is not FAILURE:
@@ -139,25 +139,25 @@ class _Timed(Decorator):
 
 
 class Timeout(_Timed):
-    """Fails when its child runs for longer than `msec` milliseconds."""
+    """Fails when its child runs for longer than `msec` milliseconds; 0: it may run for ever."""
 
-    ports = (Port("msec", "integer", required=True),)
+    ports = (Port("msec", "natural", required=True),)
 
     def _tick(self, now_ns: int) -> NodeStatus:
-        if self._elapsed_ns(now_ns) >= self.integer("msec") * 1_000_000:
-            if self.status is RUNNING:
-                self.child.halt()
-                return FAILURE
+        limit_ns, elapsed_ns = self.natural("msec") * 1_000_000, self._elapsed_ns(now_ns)
+        if self.status is RUNNING and 0 < limit_ns <= elapsed_ns:
+            self.child.halt()
+            return FAILURE
         return self._ended(self.child.tick(now_ns))
 
 
 class Delay(_Timed):
     """Ticks its child from `delay_msec` milliseconds after it was first reached."""
 
-    ports = (Port("delay_msec", "integer", required=True),)
+    ports = (Port("delay_msec", "natural", required=True),)
 
     def _tick(self, now_ns: int) -> NodeStatus:
-        if self._elapsed_ns(now_ns) < self.integer("delay_msec") * 1_000_000:
+        if self._elapsed_ns(now_ns) < self.natural("delay_msec") * 1_000_000:
             return RUNNING
         return self._ended(self.child.tick(now_ns))
 
@@ -276,8 +276,24 @@ class DistanceController(Paced):
         return self._start.distance_m(self.context.pose()) >= self.number("distance")
 
 
-class SpeedController(Paced):
-    """Ticks its child at a rate between `min_rate` and `max_rate` Hz by the robot's speed."""
+class GoalUpdatedController(Paced):
+    """Ticks its child first, and again for each new goal."""
+
+    def __init__(self, place: NodePlace, children: Sequence[Node] = ()) -> None:
+        super().__init__(place, children)
+        self._goals: tuple[SE2, ...] = ()
+
+    def _begin(self, now_ns: int) -> None:
+        self._goals = goals_on_blackboard(self.place.blackboard)
+
+    def _due(self, now_ns: int) -> bool:
+        return self._goals != goals_on_blackboard(self.place.blackboard)
+
+
+class SpeedController(GoalUpdatedController):
+    """Ticks its child at a rate between `min_rate` and `max_rate` Hz by the robot's speed, and at
+    once for a new goal.
+    """
 
     ports = (
         Port("min_rate", "number", "0.1"),
@@ -295,6 +311,7 @@ class SpeedController(Paced):
         self._speed_m_s = 0.0
 
     def _begin(self, now_ns: int) -> None:
+        super()._begin(now_ns)
         self._start_ns = now_ns
 
     def _due(self, now_ns: int) -> bool:
@@ -303,21 +320,8 @@ class SpeedController(Paced):
         slow, fast = self.number("min_speed"), self.number("max_speed")
         ratio = min(max((self._speed_m_s - slow) / max(fast - slow, 1e-9), 0.0), 1.0)
         rates = self.number("min_rate"), self.number("max_rate")
-        return (now_ns - self._start_ns) * (rates[0] + ratio * (rates[1] - rates[0])) >= 1e9
-
-
-class GoalUpdatedController(Paced):
-    """Ticks its child first, and again for each new goal."""
-
-    def __init__(self, place: NodePlace, children: Sequence[Node] = ()) -> None:
-        super().__init__(place, children)
-        self._goals: tuple[SE2, ...] = ()
-
-    def _begin(self, now_ns: int) -> None:
-        self._goals = goals_on_blackboard(self.place.blackboard)
-
-    def _due(self, now_ns: int) -> bool:
-        return self._goals != goals_on_blackboard(self.place.blackboard)
+        hz = rates[0] + ratio * (rates[1] - rates[0])
+        return super()._due(now_ns) or (now_ns - self._start_ns) * hz >= 1e9
 
 
 class GoalUpdater(Decorator):

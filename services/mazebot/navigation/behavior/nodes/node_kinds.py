@@ -183,7 +183,7 @@ def _check_ports(kind: str, ports: object) -> None:
     for port in ports:
         if not isinstance(port, Port) or not isinstance(port.name, str):
             raise ConfigError(f"{source}: {port!r:.80}: must be a Port")
-        if port.type not in READERS:
+        if port.type not in list(READERS):
             names = ", ".join(READERS)
             raise ConfigError(
                 f"{source}: {port.name}: type {port.type!r:.40}: must be one of {names}"

@@ -83,13 +83,13 @@ class ScriptCondition(Node):
 class Sleep(Node):
     """Succeeds `msec` milliseconds after it was first reached."""
 
-    ports = (Port("msec", "integer", required=True),)
+    ports = (Port("msec", "natural", required=True),)
     _start_ns = 0
 
     def _tick(self, now_ns: int) -> NodeStatus:
         if self.status is not RUNNING:
             self._start_ns = now_ns
-        done = now_ns - self._start_ns >= self.integer("msec") * 1_000_000
+        done = now_ns - self._start_ns >= self.natural("msec") * 1_000_000
         return SUCCESS if done else RUNNING
 
 

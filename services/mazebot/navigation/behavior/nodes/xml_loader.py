@@ -131,15 +131,16 @@ class _Trees:
         if path is not None:
             self._files.add(path.resolve())
         form = root.attributes.get("BTCPP_format")
-        if form is None:
-            self.warnings.append(f"{root.at}: no BTCPP_format: read as format 4")
-        elif form == "3":
-            self.warnings.append(f"{root.at}: BTCPP_format 3: read as format 4")
+        if form in (None, "3"):
+            given = "BTCPP_format 3" if form else "no BTCPP_format"
+            self.warnings.append(
+                f"{root.at}: {given}: read as format 4, but each attribute of a SubTree as a key"
+            )
         elif form != "4":
             raise ConfigError(f"{root.at}: BTCPP_format is {form!r:.20}: must be 3 or 4")
         for element in root.walk():
             self._elements += 1
-            _of_today(element, form == "3")
+            _of_today(element, form != "4")
         if self._elements > MAX_TREE_ELEMENTS:
             raise ConfigError(
                 f"{root.at}: must have at most {MAX_TREE_ELEMENTS} elements, with all that is "
