@@ -104,6 +104,15 @@ def test_a_paused_task_stands_and_goes_on(navigator: Navigator, session: Session
     assert finished(navigator) is TaskResult.SUCCEEDED
 
 
+@pytest.mark.parametrize("q", [(0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 1.0, 1.0)])
+def test_an_orientation_that_is_none_is_refused(
+    navigator: Navigator, q: tuple[float, float, float, float]
+) -> None:
+    pose = msg.Pose(msg.Point(0.3, 0.0, 0.0), msg.Quaternion(*q))
+    with pytest.raises(ConfigError, match=r"^pose: orientation \(0, 0, .*\): must have length 1$"):
+        navigator.goToPose(msg.PoseStamped(msg.header(0, "map"), pose))
+
+
 def test_an_occupied_goal_is_refused_with_the_nearest_free_pose(navigator: Navigator) -> None:
     assert not navigator.goToPose((0.4, 0.5, 0.0))
     code, text = navigator.getTaskError()

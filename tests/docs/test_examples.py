@@ -1,6 +1,7 @@
 """What the pages show works as it stands there."""
 
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -8,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from mazebot import Session
 from mazebot.common.files.root import ROOT
 from tests.docs.pages import Example, blocks
 from tests.docs.stack import running_stack
@@ -43,6 +45,15 @@ def run(code: str, folder: Path) -> str:
     )
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
+
+
+def test_the_calls_in_the_table_of_a_session_are_there() -> None:
+    page = (ROOT / "docs" / "own-controller.md").read_text()
+    table = page.split("| call |")[1].split("\n\n")[0]
+    rows = [row.split("|")[1] for row in table.splitlines()[2:]]
+    calls = re.findall(r"`(\w+)[(`]", "".join(rows))
+    assert len(calls) >= len(rows)
+    assert [call for call in calls if not hasattr(Session, call)] == []
 
 
 @pytest.mark.slow

@@ -75,7 +75,7 @@ CONTROLLERS = {
 PLANNERS = {
     "1 / 0": "mine.py:12: plan() raised ZeroDivisionError: division by zero",
     "None": "mine.py:10: plan() returned None: must be a PlannedPath",
-    "PlannedPath(np.zeros((3, 3)), np.zeros(3), np.zeros(3))": "plan() returned 'shapes ((3, 3)",
+    "PlannedPath(np.zeros((3, 3)), np.zeros(3), np.zeros(3))": "plan() returned shapes ((3, 3)",
     "PlannedPath(np.full((3, 2), np.nan), np.zeros(3), np.zeros(3))": "number that is not finite",
 }
 NODES = {

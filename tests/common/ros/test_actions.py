@@ -9,7 +9,7 @@ import pytest
 
 from mazebot.common.messages import action_documents as act
 from mazebot.common.messages import documents as doc
-from mazebot.common.ros.action import Action, Ended, Feedback, Running
+from mazebot.common.ros.action import Action, Ended, Feedback, GoalError, Running
 from mazebot.common.ros.actions import ACTIONS
 from mazebot.common.ros.definitions import DISTROS
 from mazebot.common.ros.interfaces import Versioned, interfaces
@@ -73,3 +73,14 @@ def test_what_a_version_does_not_have_is_left_out_at_any_depth() -> None:
     values = {"feedback": Versioned(distance_remaining=2.0, position_tracking_error=0.5)}
     assert interfaces("jazzy").make(name, values).feedback.distance_remaining == 2.0
     assert interfaces("lyrical").make(name, values).feedback.position_tracking_error == 0.5
+
+
+@pytest.mark.parametrize("distro", DISTROS)
+@pytest.mark.parametrize("name", ["/navigate_to_pose", "/follow_path"])
+def test_an_orientation_that_is_none_is_refused(name: str, distro: str) -> None:
+    (action,) = [action for action in ACTIONS if action.name == name]
+    pose = {"pose": {"orientation": {"z": 1.0, "w": 1.0}}}
+    values = {"pose": pose} if name == "/navigate_to_pose" else {"path": {"poses": [pose]}}
+    goal = interfaces(distro).make(f"{action.type}_Goal", values)
+    with pytest.raises(GoalError, match=r"orientation \(0, 0, 1, 1\): must have length 1$"):
+        next(action.run(goal, "id"))

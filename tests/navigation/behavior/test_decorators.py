@@ -5,13 +5,17 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import SE2
 from mazebot.navigation.behavior.engine.blackboard import Blackboard
 from mazebot.navigation.behavior.engine.script import ScriptError, read_script
+from mazebot.navigation.behavior.engine.tree import TreeError
 from mazebot.navigation.behavior.nodes.goals import REQUESTED
+from mazebot.navigation.behavior.nodes.xml_loader import read_tree
 from mazebot.navigation.control.collision import Velocity
 from mazebot.navigation.planning.path import PlannedPath, path_through
-from tests.navigation.behavior.scripted_tree import Ticked
+from tests.navigation.behavior.nav2_usage import document
+from tests.navigation.behavior.scripted_tree import Ticked, run_over
 from tests.navigation.behavior.simulated_robot import SimulatedRobot
 
 
@@ -30,6 +34,7 @@ from tests.navigation.behavior.simulated_robot import SimulatedRobot
         ("RetryUntilSuccessful", "FFS", {"num_attempts": "-1"}, "RRS", 3),
         ("SingleTrigger", "RSS", {}, "RSF", 2),
         ("Timeout", "R", {"msec": "100"}, "RRF", 2),
+        ("Timeout", "RRRS", {"msec": "0"}, "RRRS", 4),
     ],
 )
 def test_a_decorator_turns_its_childs_answers(
@@ -81,6 +86,39 @@ def test_a_speed_controller_plans_more_often_when_it_is_fast() -> None:
         tree.ticks(200)
         counts.append(tree.ticked()[0])
     assert counts == [5, pytest.approx(20, abs=1)]
+
+
+def test_a_speed_controller_ticks_at_once_for_a_new_goal() -> None:
+    tree = Ticked("SpeedController", "S", robot=SimulatedRobot())
+    tree.blackboard.set(REQUESTED, (SE2(1.0, 0.0, 0.0),))
+    assert tree.ticks(3) == "SRR"
+    tree.blackboard.set(REQUESTED, (SE2(2.0, 0.0, 0.0),))
+    assert tree.ticks(3) == "SRR"
+
+
+@pytest.mark.parametrize(
+    ("kind", "port", "value", "must"),
+    [
+        ("Repeat", "num_cycles", "-5", "at least 0, or -1 for without end"),
+        ("RetryUntilSuccessful", "num_attempts", "-2", "at least 0, or -1 for without end"),
+        ("Timeout", "msec", "-1", "at least 0"),
+        ("Delay", "delay_msec", "-5", "at least 0"),
+        ("Sleep", "msec", "-5", "at least 0"),
+    ],
+)
+def test_a_count_below_0_is_refused(kind: str, port: str, value: str, must: str) -> None:
+    child = "" if kind == "Sleep" else "<AlwaysSuccess/>"
+    with pytest.raises(ConfigError) as refused:
+        read_tree(document(f'<{kind} {port}="{value}">{child}</{kind}>'), "t.xml")
+    said = f"{kind}, port '{port}': must be {must} (got '{value}')"
+    assert str(refused.value) == f"t.xml:1: {said}"
+    # Also where only the blackboard has it.
+    tree = read_tree(document(f'<{kind} {port}="{{n}}">{child}</{kind}>'), "t.xml").build(
+        run_over()
+    )
+    tree.blackboard.set("n", float(value))
+    with pytest.raises(TreeError, match=f"port '{port}': must be {must} "):
+        tree.tick(0)
 
 
 def test_a_goal_updated_controller_ticks_for_each_new_goal() -> None:
@@ -177,6 +215,20 @@ def test_a_precondition_is_asked_until_its_child_runs() -> None:
         ("'a' != 1", 1.0),
         ("@root := 3; @root", 3.0),
         ("1e3 / 4", 250.0),
+        # A comparison compares neighbours.
+        ("0 < 7 < 5", 0.0),
+        ("10 > 7 > 5", 1.0),
+        ("1 == 1 < 2 != 3", 1.0),
+        ("3 == 3 == 3", 1.0),
+        # On one level, from left to right.
+        ("true || false && false", 0.0),
+        ("false && true || true", 1.0),
+        ("0.1 + 0.2 == 0.3", 1.0),
+        ("0.1 + 0.2 != 0.3", 0.0),
+        ("0.3001 == 0.3", 0.0),
+        ("'a' + 'b'", "ab"),
+        ("'1' + '2'", "12"),
+        ("t := 'a'; t += 'b'; t + 'c'", "abc"),
     ],
 )
 def test_scripts_are_those_of_behaviortree_cpp(code: str, value: float | str) -> None:

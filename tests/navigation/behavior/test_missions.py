@@ -623,6 +623,16 @@ def test_a_goal_given_in_the_moment_of_arrival_is_not_taken_for_reached(tmp_path
     assert drive.robot.robot.map_from_base.distance_m(back) < 0.06
 
 
+def test_a_tree_that_never_plans_runs_once_for_a_new_goal(tmp_path: Path) -> None:
+    tree = tmp_path / "tree.xml"
+    tree.write_text(document('<Wait wait_duration="1.0"/>'))
+    drive = Drive()
+    drive.navigator.start(0, NavigateToPose(NEAR, str(tree)))
+    drive.run(0.5)
+    assert drive.until_done(NavigateToPose(FAR, str(tree))).status is TaskStatus.SUCCEEDED
+    assert drive.now_s == pytest.approx(1.0, abs=0.1)
+
+
 def test_a_new_goal_ends_a_recovery() -> None:
     drive = Drive(SimulatedRobot(Unicycle(START, stuck=True)))
     drive.navigator.start(0, NavigateToPose(FAR))

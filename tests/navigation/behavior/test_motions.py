@@ -7,7 +7,9 @@ from itertools import pairwise
 import pytest
 
 from mazebot.common.maths.frames import SE2
+from mazebot.common.messages import action_documents as act
 from mazebot.common.messages.error_codes import ErrorCode
+from mazebot.navigation.behavior.actions import TaskStatus
 from mazebot.navigation.behavior.motions.assisted_teleop import AssistedTeleop
 from mazebot.navigation.behavior.motions.back_up import BackUp, freer_drive
 from mazebot.navigation.behavior.motions.drive_on_heading import DriveGoal, DriveOnHeading
@@ -17,6 +19,8 @@ from mazebot.navigation.behavior.motions.wait import Wait
 from mazebot.navigation.config import CONTROL_PERIOD_NS
 from mazebot.navigation.control.collision import STOP, Velocity
 from mazebot.navigation.errors import NavigationError
+from mazebot.navigation.messages import request_of
+from tests.navigation.behavior.simulated_robot import Drive
 from tests.navigation.driving import Unicycle
 
 PARAMS = BehaviorServerParams()
@@ -112,6 +116,26 @@ def test_a_robot_that_does_not_move_runs_out_of_time(motion: Motion, code: Error
     with pytest.raises(NavigationError) as caught:
         run(motion, Unicycle(START, stuck=True), limit_s=2.2)
     assert caught.value.code is code
+
+
+@pytest.mark.parametrize(
+    "goal",
+    [
+        act.Spin(target_yaw_rad=1.57, time_allowance_s=0.0),
+        act.BackUp(distance_m=0.1, speed_m_s=0.05, time_allowance_s=0.0),
+        act.DriveOnHeading(distance_m=0.1, speed_m_s=0.05, time_allowance_s=0.0),
+    ],
+)
+def test_a_time_allowance_of_0_is_no_limit(goal: act.ActionGoal) -> None:
+    assert Drive().until_done(request_of(goal)).status is TaskStatus.SUCCEEDED
+
+
+def test_teleoperation_without_a_time_allowance_goes_on() -> None:
+    drive = Drive()
+    assert drive.navigator.start(0, request_of(act.AssistedTeleop(time_allowance_s=0.0))) is None
+    drive.run(2.0)
+    assert not drive.results
+    assert drive.navigator.running_tree() is not None
 
 
 @pytest.mark.parametrize(

@@ -220,26 +220,28 @@ def test_a_port_without_effect_is_told(text: str, warnings: tuple[str, ...]) -> 
     assert file.warnings == tuple(f"t.xml:1: {warning}" for warning in warnings)
 
 
-def test_a_tree_of_an_older_format_is_read_with_a_word() -> None:
-    file = read_tree(document("<AlwaysSuccess/>", 'main_tree_to_execute="Main"'), "t.xml")
-    assert file.warnings == ("t.xml:1: no BTCPP_format: read as format 4",)
-
-
-def test_a_tree_of_format_3_is_read_with_a_word() -> None:
-    text = """
-    <root BTCPP_format="3" main_tree_to_execute="Main">
+@pytest.mark.parametrize("form", ['BTCPP_format="3" ', ""])
+def test_a_tree_of_format_3_is_read_with_a_word(form: str) -> None:
+    text = f"""
+    <root {form}main_tree_to_execute="Main">
       <BehaviorTree ID="Main"><SequenceStar>
         <SetBlackboard output_key="mine" value="7"/>
         <SubTree ID="Below" inner="mine"/>
         <SubTreePlus ID="Shared" __autoremap="1"/>
+        <SubTreePlus ID="Literal" key="mine" same="{{mine}}"/>
       </SequenceStar></BehaviorTree>
       <BehaviorTree ID="Below"><Script code="inner = inner + 1"/></BehaviorTree>
       <BehaviorTree ID="Shared"><Parallel success_threshold="1">
         <ScriptCondition code="mine == 8"/><AlwaysFailure/>
       </Parallel></BehaviorTree>
+      <BehaviorTree ID="Literal">
+        <ScriptCondition code="key == 'mine' &amp;&amp; same == 8"/>
+      </BehaviorTree>
     </root>"""
     file = read_tree(text, "t.xml")
-    assert file.warnings == ("t.xml:2: BTCPP_format 3: read as format 4",)
+    (warning,) = file.warnings
+    given = "BTCPP_format 3" if form else "no BTCPP_format"
+    assert warning.startswith(f"t.xml:2: {given}: read as format 4, but")
     assert file.build(run_over()).tick(0) is NodeStatus.SUCCESS
 
 
