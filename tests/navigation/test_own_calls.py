@@ -208,12 +208,12 @@ def test_two_numbers_are_a_velocity(wanted: Any) -> None:
 @pytest.mark.parametrize(
     ("answer", "said"),
     [
-        (Control(SPEED, "no", False, 1.0), "a Control, with reached True or False"),  # type: ignore[arg-type]
-        (Control(SPEED, False, None, 1.0), "a Control, with blocked True or False"),  # type: ignore[arg-type]
-        (Control(SPEED, False, False, float("nan")), "distance_remaining_m of at least 0"),
-        (Control(SPEED, False, False, float("inf")), "distance_remaining_m of at least 0"),
-        (Control(SPEED, False, False, -3.0), "distance_remaining_m of at least 0"),
-        (Control(SPEED, False, False, None), "distance_remaining_m of at least 0"),  # type: ignore[arg-type]
+        (Control(SPEED, "no", False, 1.0), "a Control with reached 'no': must be True or False"),  # type: ignore[arg-type]
+        (Control(SPEED, False, None, 1.0), "a Control with blocked None: must be True or False"),  # type: ignore[arg-type]
+        (Control(SPEED, False, False, float("nan")), "distance_remaining_m nan: must be a finite"),
+        (Control(SPEED, False, False, float("inf")), "distance_remaining_m inf: must be a finite"),
+        (Control(SPEED, False, False, -3.0), "distance_remaining_m -3.0: must be a finite"),
+        (Control(SPEED, False, False, None), "distance_remaining_m None: must be a finite"),  # type: ignore[arg-type]
     ],
 )
 def test_a_control_of_something_else_is_refused(answer: Control, said: str) -> None:
@@ -258,7 +258,10 @@ class Empty(Own):
         ("Names", "ports: 'share': must be a Port"),
         ("Typed", "ports: share: type 'float': must be one of text, number"),
         ("TypedByList", "ports: share: type ['number']: must be one of text, number"),
-        ("Empty", "must be a Node: it calls super().__init__(place, children)"),
+        (
+            "Empty",
+            "__init__() made no whole node: must be one that calls super().__init__(",
+        ),
     ],
 )
 def test_a_node_that_is_none_is_refused_in_one_line(kind: str, said: str) -> None:

@@ -57,19 +57,16 @@ class OwnClass:
             if isinstance(error, NavigationError) and not _is_code(error.code):
                 must = "a number above 0, such as ErrorCode.NO_VALID_PATH"
                 what = f"raised NavigationError with the code {error.code!r:.40}"
-                raise self._wrong(method, what, must) from error
+                raise self.wrong(method, what, must) from error
             raise
 
-    def refused(self, method: str, value: object, must: str) -> OwnClassError:
-        """The error of a value that a method has returned."""
+    def refused(self, method: str, value: object, must: str, part: str = "") -> OwnClassError:
+        """The error of a value that a method has returned, or of a part of it."""
         shown = " ".join(repr(value).split())
-        return self.refused_with(method, f"{shown:.120}", must)
+        return self.wrong(method, f"returned {part}{shown:.120}", must)
 
-    def refused_with(self, method: str, what: str, must: str) -> OwnClassError:
-        """The error of a value that a method has returned, which has something wrong."""
-        return self._wrong(method, f"returned {what}", must)
-
-    def _wrong(self, method: str, what: str, must: str) -> OwnClassError:
+    def wrong(self, method: str, what: str, must: str) -> OwnClassError:
+        """The error of a call that did something wrong."""
         return OwnClassError(
             f"{self._what}: {self._line_of(method)}: {method}() {what}: must be {must}"
         )
@@ -204,14 +201,16 @@ class OwnController:
             must = "a Control, with a Velocity of two finite numbers"
             raise self._own.refused("step", made, must)
         for name in ("reached", "blocked"):
-            if not _is_flag(getattr(made, name)):
-                raise self._own.refused("step", made, f"a Control, with {name} True or False")
-        if not _is_number(made.distance_remaining_m) or made.distance_remaining_m < 0.0:
-            must = "a Control, with distance_remaining_m of at least 0, and finite"
-            raise self._own.refused("step", made, must)
+            flag = getattr(made, name)
+            if not _is_flag(flag):
+                raise self._own.refused("step", flag, "True or False", f"a Control with {name} ")
+        left_m = made.distance_remaining_m
+        if not _is_number(left_m) or left_m < 0.0:
+            must, part = "a finite number of at least 0", "a Control with distance_remaining_m "
+            raise self._own.refused("step", left_m, must, part)
         return Control(
             _as_velocity(made.velocity), bool(made.reached), bool(made.blocked),
-            float(made.distance_remaining_m),
+            float(left_m),
         )  # fmt: skip
 
     def stop(self) -> None:
@@ -283,13 +282,13 @@ class OwnPlanner:
         count = len(points_m)
         shapes = (points_m.shape, yaws_rad.shape, along_m.shape)
         if count < 2 or shapes != ((count, 2), (count,), (count,)):
-            raise self._own.refused_with("plan", f"shapes {shapes}", must)
+            raise self._own.wrong("plan", f"returned shapes {shapes}", must)
         if not all(np.isfinite(part).all() for part in (points_m, yaws_rad, along_m, lengths_m)):
-            raise self._own.refused_with("plan", "a number that is not finite", must)
+            raise self._own.wrong("plan", "returned a number that is not finite", must)
         exact_m = path_through(points_m, 0.0).along_m
         if np.abs(along_m - exact_m).max() > _ALONG_ERROR * (1.0 + exact_m[-1]):
             must = "the length of the path up to each point, as path_through() makes it"
-            raise self._own.refused_with("plan", "along_m that is not right", must)
+            raise self._own.wrong("plan", "returned along_m that is not right", must)
         self._check_ends(points_m, costmap.frame.resolution_m, start, goal, tolerance_m)
         return dense(replace(path, points_m=points_m, yaws_rad=yaws_rad, along_m=exact_m))
 
@@ -304,9 +303,9 @@ class OwnPlanner:
         ):
             x_m, y_m = place.tolist()
             if math.hypot(x_m - wanted.x_m, y_m - wanted.y_m) > within_m + _END_CELLS * cell_m:
-                raise self._own.refused_with(
+                raise self._own.wrong(
                     "plan",
-                    f"a path that {name} at ({x_m:.2f}, {y_m:.2f})",
+                    f"returned a path that {name} at ({x_m:.2f}, {y_m:.2f})",
                     f"one that {name} at ({wanted.x_m:.2f}, {wanted.y_m:.2f})",
                 )
 

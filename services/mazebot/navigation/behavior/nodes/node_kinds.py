@@ -201,8 +201,8 @@ def checked_node(kind: str, node: Node) -> Node:
         return node
     own, tick, halt = OwnClass("behavior tree node", kind, type(node)), node._tick, node._halt
     if not all(hasattr(node, name) for name in ("place", "children", "status")):
-        must = "a Node: it calls super().__init__(place, children)"
-        raise own.refused_with("__init__", f"{type(node).__name__} without what a node has", must)
+        must = "one that calls super().__init__(place, children)"
+        raise own.wrong("__init__", "made no whole node", must)
 
     def checked_tick(now_ns: int) -> NodeStatus:
         with own.calling("_tick", TreeError, NavigationError):
