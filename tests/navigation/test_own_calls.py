@@ -4,6 +4,7 @@ checked before anybody drives by it.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -139,8 +140,8 @@ def between(start: tuple[float, float], goal: tuple[float, float]) -> PlannedPat
         (between((0.5, 0.5), (1.5, 0.5)), "ends at (1.50, 0.50): must be one that ends at (2.50"),
         (between((1.5, 0.5), (2.5, 0.5)), "begins at (1.50, 0.50): must be one that begins at"),
         (between(GOAL[:2], START[:2]), "a path that begins at (2.50, 0.50)"),
-        (PlannedPath(*parts(STRAIGHT)[:2], np.zeros(41)), "along_m that is not right: must be the"),
-        (PlannedPath(*parts(STRAIGHT), cost_m=np.nan), "a number that is not finite"),
+        (replace(STRAIGHT, along_m=np.zeros(41)), "along_m that is not right: must be the"),
+        (replace(STRAIGHT, cost_m=np.nan), "a number that is not finite"),
         (NavigationError("no way", "none"), "raised NavigationError with the code 'no way'"),  # type: ignore[arg-type]
         # It would be read as success.
         (NavigationError(0, "none"), "with the code 0: must be a number above 0"),  # type: ignore[arg-type]

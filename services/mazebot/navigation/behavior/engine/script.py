@@ -294,7 +294,7 @@ _SUMS: Mapping[str, Callable[[Value, Value], Value]] = {
     "*": _numbers(operator.mul),
     "/": _divide,
 }
-_SAME = 2.0**-23
+_SAME = 1.0 / (1 << 23)
 """Numbers that differ by no more are equal: float's epsilon, as in BehaviorTree.CPP."""
 _COMPARISONS: Mapping[str, Comparison] = {
     "==": _same,
