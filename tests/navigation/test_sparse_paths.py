@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,10 +13,14 @@ from mazebot.common.maths.frames import SE2
 from mazebot.common.messages import action_documents as act
 from mazebot.common.messages.documents import Planar
 from mazebot.common.messages.error_codes import ErrorCode
-from mazebot.navigation.behavior.actions import TaskStatus
+from mazebot.navigation.behavior.actions import NavigateToPose, Request, TaskStatus
+from mazebot.navigation.behavior.engine.ports import out
+from mazebot.navigation.behavior.engine.tree import Node, NodeStatus
 from mazebot.navigation.messages import planned_path, request_of
 from mazebot.navigation.planning.path import PlannedPath, dense, path_through
+from tests.navigation.behavior.nav2_usage import document
 from tests.navigation.behavior.simulated_robot import Drive
+from tests.navigation.driving import START
 
 
 def longest_m(path: PlannedPath) -> float:
@@ -62,11 +68,34 @@ def test_a_piece_backwards_stays_one() -> None:
     assert path.yaws_rad[:6].tolist() == [0.1] * 6
 
 
-def test_a_path_of_two_poses_is_driven_to_its_end() -> None:
+END = START @ SE2(0.85, -0.85, -math.pi / 4)
+
+
+class Straight(Node):
+    """A node of one's own, that plans a path of two points."""
+
+    ports = (out("path", "path"),)
+
+    def _tick(self, now_ns: int) -> NodeStatus:
+        self.put("path", of(self.context.pose()[:2], END[:2], yaw_rad=END.yaw_rad))
+        return NodeStatus.SUCCESS
+
+
+def given(tmp_path: Path) -> Request:
+    return request_of(act.FollowPath(path=tuple(Planar(**p._asdict()) for p in (START, END))))
+
+
+def of_a_node(tmp_path: Path) -> Request:
+    tree = f'<Action ID="{__name__}:Straight" path="{{p}}"/><FollowPath path="{{p}}"/>'
+    (tmp_path / "tree.xml").write_text(document(f"<Sequence>{tree}</Sequence>"))
+    return NavigateToPose(END, str(tmp_path / "tree.xml"))
+
+
+@pytest.mark.parametrize("request_", [given, of_a_node])
+def test_a_path_of_two_poses_is_driven_to_its_end(
+    request_: Callable[[Path], Request], tmp_path: Path
+) -> None:
     drive = Drive()
-    start = drive.robot.robot.map_from_base
-    end = start @ SE2(0.85, -0.85, -math.pi / 4)
-    goal = act.FollowPath(path=tuple(Planar(**pose._asdict()) for pose in (start, end)))
-    result = drive.until_done(request_of(goal))
+    result = drive.until_done(request_(tmp_path))
     assert result.status is TaskStatus.SUCCEEDED
-    assert drive.robot.robot.map_from_base.distance_m(end) < 0.25
+    assert drive.robot.robot.map_from_base.distance_m(END) < 0.1

@@ -27,7 +27,7 @@ from mazebot.navigation.behavior.engine.ports import (
 )
 from mazebot.navigation.behavior.engine.script import Script, ScriptError, read_script
 from mazebot.navigation.behavior.motions.motion import BehaviorServerParams, Motion
-from mazebot.navigation.planning.path import PlannedPath
+from mazebot.navigation.planning.path import PlannedPath, dense
 
 T = TypeVar("T")
 
@@ -352,10 +352,14 @@ class Node(ABC):
             raise TreeError(f"{self}, port {port!r}: {error}") from None
 
     def put(self, port: str, value: object) -> None:
-        """Write an output port, if the XML connects it to the blackboard."""
+        """Write an output port, if the XML connects it to the blackboard. A sparse path is made
+        dense, to be followed.
+        """
         key = self.key(port)
         if key is not None:
-            self.place.blackboard.set(key, value)
+            self.place.blackboard.set(
+                key, dense(value) if isinstance(value, PlannedPath) else value
+            )
 
     def _read(self, port: str, convert: Callable[[object], T]) -> T:
         try:
