@@ -161,7 +161,9 @@ def test_paths_are_joined_and_their_poses_read() -> None:
     assert tree.tick() == "S"
     joined = tree.blackboard.get("c")
     assert isinstance(joined, PlannedPath)
-    assert len(joined.points_m) == 11 + 21
+    # The gap between them is filled.
+    for part, given in ((joined.points_m[:11], 1.0), (joined.points_m[-21:], 2.0)):
+        assert part.tolist() == line(given).points_m.tolist()
     last = leaf("GetPoseFromPath", path="{c}", index="-1", pose="{pose}")
     last.blackboard.set("c", joined)
     assert last.tick() == "S"
