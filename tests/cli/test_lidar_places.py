@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rosbags.interfaces import Connection
 from rosbags.rosbag2 import StoragePlugin, Writer
 
 from mazebot.cli.logs.log import Log, ScanForm, Topics
@@ -67,7 +68,7 @@ def write(
                 connections[name] = writer.add_connection(name, kind, typestore=store)
             writer.write(connections[name], log_ns, bytes(store.serialize_cdr(message, kind)))
 
-        connections: dict[str, object] = {}
+        connections: dict[str, Connection] = {}
         fixed = [msg.transform_stamped(0, link.parent, link.child, link.matrix()) for link in links]
         if fixed:
             put("/tf_static", "tf2_msgs/msg/TFMessage", 0, msg.TFMessage(fixed))
