@@ -31,7 +31,9 @@ Nav2's max_robot_pose_search_dist.
 _GIVES_WAY_M = 1.2
 _GIVES_WAY_M_S = 0.1
 _GIVES_WAY_NS = 15_000_000_000
-"""For so long a robot may stand, or drive slowly, with a moving obstacle this near."""
+"""For so long since its last progress a robot may stand, or drive slowly, with a moving obstacle
+this near.
+"""
 
 _DOUBTED_NS = 5_000_000_000
 """After so long, a pose that scans contradict has been compared with all others, and kept."""
@@ -104,7 +106,6 @@ class ControllerServer:
         self._progress = ProgressChecker(params.progress_checker)
         self._stuck = StuckDetector(params.stuck_detector)
         self._blocked_since_ns: int | None = None
-        self._gives_way_since_ns: int | None = None
         self._controlled_ns = 0
         self._doubted_since_ns: int | None = None
         self.stuck_towards: Velocity | None = None
@@ -180,10 +181,8 @@ class ControllerServer:
             made = replace(made, reached=False)
             self._progress.reset()
         where = f"at ({pose.x_m:.2f}, {pose.y_m:.2f})"
-        if self._gives_way(now_ns, view, made.velocity):
-            self._blocked_since_ns = None
-            self._progress.reset()
-        elif not made.blocked:
+        waits = _gives_way(view, made.velocity) and self._progress.excuse(now_ns, _GIVES_WAY_NS)
+        if waits or not made.blocked:
             self._blocked_since_ns = None
         elif self._blocked_since_ns is None:
             self._blocked_since_ns = now_ns
@@ -249,24 +248,23 @@ class ControllerServer:
             self._doubted_since_ns = now_ns
         return now_ns - self._doubted_since_ns <= _DOUBTED_NS
 
-    def _gives_way(self, now_ns: int, view: View, velocity: Velocity) -> bool:
-        """Whether the robot stands because something that moves is near: for a while, that is no
-        failure.
-        """
-        pose = view.map_from_base
-        near = pose is not None and any(
-            math.hypot(each.x_m - pose.x_m, each.y_m - pose.y_m) < _GIVES_WAY_M
-            for each in (*view.tracks, *view.turning)
-        )
-        if not near or abs(velocity.linear_m_s) > _GIVES_WAY_M_S:
-            self._gives_way_since_ns = None
-            return False
-        if self._gives_way_since_ns is None:
-            self._gives_way_since_ns = now_ns
-        return now_ns - self._gives_way_since_ns <= _GIVES_WAY_NS
-
     def stop(self) -> None:
         """Drop the path."""
         self.controller.stop()
         self.followed = None
         self._blocked_since_ns = None
+
+
+def _gives_way(view: View, velocity: Velocity) -> bool:
+    """Whether the robot stands because something that moves is near: for a while, that is no
+    failure.
+    """
+    pose = view.map_from_base
+    return (
+        abs(velocity.linear_m_s) <= _GIVES_WAY_M_S
+        and pose is not None
+        and any(
+            math.hypot(each.x_m - pose.x_m, each.y_m - pose.y_m) < _GIVES_WAY_M
+            for each in (*view.tracks, *view.turning)
+        )
+    )

@@ -29,14 +29,31 @@ class ProgressChecker:
         self._params = params
         self._baseline: SE2 | None = None
         self._baseline_ns = 0
+        self._checked_ns = 0
+        self._excused_ns = 0
+        """How much of the time since the baseline does not count."""
 
     def reset(self) -> None:
         """Restart from the next pose."""
         self._baseline = None
 
+    def excuse(self, now_ns: int, most_ns: int) -> bool:
+        """Do not count the time since the last check, in which the robot had a reason to stand.
+
+        False, and it counts, once `most_ns` have been excused since the last progress.
+        """
+        if self._baseline is None:
+            return True
+        excused_ns = self._excused_ns + now_ns - self._checked_ns
+        if excused_ns > most_ns:
+            return False
+        self._excused_ns = excused_ns
+        return True
+
     def makes_progress(self, now_ns: int, pose: SE2) -> bool:
         """False once the allowance has passed without enough movement from the baseline pose."""
         p, baseline = self._params, self._baseline
+        self._checked_ns = now_ns
         if (
             baseline is None
             or pose.distance_m(baseline) >= p.required_movement_radius
@@ -44,5 +61,6 @@ class ProgressChecker:
         ):
             self._baseline = pose
             self._baseline_ns = now_ns
+            self._excused_ns = 0
             return True
-        return (now_ns - self._baseline_ns) * 1e-9 <= p.movement_time_allowance
+        return (now_ns - self._baseline_ns - self._excused_ns) * 1e-9 <= p.movement_time_allowance
