@@ -32,7 +32,7 @@ def never(_: Velocity) -> float:
 
 @dataclass
 class DockingRobot:
-    """The robot, its odometry and its camera, 10 Hz."""
+    """The robot, its odometry and its camera."""
 
     seed: int
     spread: tuple[float, float, float] = (0.1, 0.1, 0.15)
@@ -43,13 +43,20 @@ class DockingRobot:
     """Of the dock from the marker"""
     whole_view_m: float = 0.22
     """Nearer to the marker it is not seen."""
+    camera_periods: int = 2
+    """Control periods from one picture to the next"""
+    aside_rad: float = 0.0
+    """From the dock's heading to the marker"""
+    side_m: float = 0.0
+    """Of the marker's panel"""
     half_view_rad: float = HALF_VIEW_RAD
     """As navigation knows it"""
     time_to_collision: TimeToCollision = never
 
     def __post_init__(self) -> None:
         self.rng = np.random.default_rng(self.seed)
-        marker_from_dock = SE2(self.away_m, 0.0, math.pi)
+        self.map_from_marker = MARKER
+        marker_from_dock = SE2(self.away_m, 0.0, math.pi - self.aside_rad)
         self.dock = MARKER @ marker_from_dock
         off = SE2(*(self.rng.uniform(-1.0, 1.0, 3) * self.spread).tolist())
         self.robot = Unicycle(staging_pose(self.params, self.dock) @ off)
@@ -59,7 +66,9 @@ class DockingRobot:
         self.marker: MarkerPose | None = None
         self.now_ns = 0
         self.blind = False
-        dock = Dock("1", MARKER, marker_from_dock, self.whole_view_m, 0.0, self.half_view_rad)
+        dock = Dock(
+            "1", MARKER, marker_from_dock, self.whole_view_m, self.side_m, self.half_view_rad
+        )
         self.docker = Docker(self.params, dock)
         self.states: list[DockingStep] = []
 
@@ -75,7 +84,7 @@ class DockingRobot:
             moved.x_m * self.slip[0], moved.y_m, moved.yaw_rad * self.slip[1]
         )
         self.now_ns += CONTROL_PERIOD_NS
-        if self.now_ns % (2 * CONTROL_PERIOD_NS) == 0 and not self.blind:
+        if self.now_ns % (self.camera_periods * CONTROL_PERIOD_NS) == 0 and not self.blind:
             self.marker = self.see() or self.marker
         step = self.docker.step(
             self.now_ns, PERIOD_S, self.odom, self.marker, self.time_to_collision
@@ -88,7 +97,7 @@ class DockingRobot:
         """A sighting: 0.8 % of the range in depth, 2 mrad in direction, 1 to 5 hundredths of a
         radian in yaw; 1 in 20 is missing, 1 in 50 has the ambiguous yaw.
         """
-        base_from_marker = self.robot.map_from_base.inverse() @ MARKER
+        base_from_marker = self.robot.map_from_base.inverse() @ self.map_from_marker
         ahead_m, aside_m = base_from_marker.x_m - CAMERA_AHEAD_M, base_from_marker.y_m
         range_m, bearing = math.hypot(ahead_m, aside_m), math.atan2(aside_m, ahead_m)
         from_marker = math.atan2(-base_from_marker.y_m, -base_from_marker.x_m)
@@ -96,9 +105,10 @@ class DockingRobot:
         aslant = abs(wrap_angle(from_marker - base_from_marker.yaw_rad))
         draws = self.rng.standard_normal(3) * self.noise
         missed, flipped = self.rng.random(2) < (0.05, 0.02)
+        half_side_rad = math.atan2(0.5 * self.side_m, range_m)
         if (
             missed
-            or abs(bearing) > HALF_VIEW_RAD
+            or abs(bearing) > HALF_VIEW_RAD - half_side_rad
             or aslant > 1.05
             or seen_from_m < self.whole_view_m
         ):

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -164,6 +165,53 @@ def test_a_dock_that_was_missed_sideways_is_tried_again() -> None:
     error = robot.dock_it()
     assert robot.states[-1].num_retries == 1
     assert abs(error.y_m) < 0.02
+
+
+def remove(robot: DockingRobot) -> None:
+    robot.blind = True
+
+
+def move_marker(robot: DockingRobot) -> None:
+    robot.map_from_marker = robot.map_from_marker @ SE2(0.0, 3.0, 1.0)
+
+
+def turn_round(robot: DockingRobot) -> None:
+    robot.robot.map_from_base = robot.robot.map_from_base @ SE2(0.0, 0.0, math.pi)
+
+
+def carry_away(robot: DockingRobot) -> None:
+    robot.robot.map_from_base = SE2(3.5, -3.0, 0.0)
+
+
+@pytest.mark.parametrize("before_m", [0.2, 0.012])
+@pytest.mark.parametrize("event", [remove, move_marker, turn_round, carry_away])
+def test_it_is_not_docked_at_a_marker_that_it_does_not_see_there(
+    before_m: float, event: Callable[[DockingRobot], None]
+) -> None:
+    robot = DockingRobot(5)
+    while robot.error().x_m < -before_m:
+        robot.step()
+    event(robot)
+    with pytest.raises(NavigationError, match="marker was detected 0 times in 8") as caught:
+        robot.dock_it()
+    assert caught.value.code is ErrorCode.FAILED_TO_DETECT_DOCK
+    assert robot.states[-1].num_retries == 3
+
+
+def test_a_slow_camera_has_time_for_all_sightings_of_the_verdict() -> None:
+    robot = DockingRobot(2, camera_periods=8)
+    stood_ns = 0
+    while not robot.step().done:
+        stood_ns = stood_ns if robot.command == STOP else robot.now_ns
+    assert robot.now_ns - stood_ns >= 14 * robot.camera_periods * CONTROL_PERIOD_NS
+    assert robot.states[-1].num_retries == 0
+
+
+def test_a_pose_from_which_the_marker_is_not_in_the_picture_is_judged_by_odometry() -> None:
+    robot = DockingRobot(0, away_m=0.88, aside_rad=0.35, side_m=0.4)
+    error = robot.dock_it()
+    assert robot.states[-1].num_retries == 0
+    assert math.hypot(error.x_m, error.y_m) < 0.03
 
 
 def test_a_wrong_sighting_is_left_out_until_there_are_many() -> None:

@@ -37,7 +37,9 @@ class DockEstimate:
     def __init__(self, params: SightingParams) -> None:
         self._params = params
         self.count = 0
-        """Sightings taken in."""
+        """Sightings taken in since the filter began."""
+        self.new = 0
+        """Those of them since `count_anew`."""
         self.last_stamp_ns = -1
         """Time of the newest sighting, taken in or not."""
         self._pose = SE2(0.0, 0.0, 0.0)
@@ -54,6 +56,10 @@ class DockEstimate:
         """Standard deviation of the marker's position along each axis, seen from here."""
         return math.sqrt(self._position_var + self._drifts(odom_from_base)[0])
 
+    def count_anew(self) -> None:
+        """Begin to count new sightings."""
+        self.new = 0
+
     def add(self, seen: MarkerPose) -> None:
         """Take in a sighting, if it is newer than the last one."""
         if seen.stamp_ns <= self.last_stamp_ns:
@@ -66,7 +72,7 @@ class DockEstimate:
         yaw_std = p.yaw_std_rad + p.yaw_std_per_m * range_m
         measured = seen.odom_from_base @ base_from_marker
         if self.count == 0 or self._left_out >= p.most_left_out:
-            self._pose, self._left_out, self.count = measured, 0, 1
+            self._pose, self._left_out, self.count, self.new = measured, 0, 1, 1
             self._position_var, self._yaw_var = position_std * position_std, yaw_std * yaw_std
             return
         off = SE2(
@@ -91,6 +97,7 @@ class DockEstimate:
         self._position_var *= 1.0 - gain
         self._yaw_var *= 1.0 - yaw_gain
         self.count += 1
+        self.new += 1
 
     def _drift(self, odom_from_base: SE2) -> None:
         """Grow the variances by what odometry may be wrong since the last sighting."""

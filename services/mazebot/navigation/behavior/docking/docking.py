@@ -153,12 +153,14 @@ class Docker:
         self._began_ns = 0
         self._hidden_ns = 0
         """When the marker was last out of the picture, by odometry."""
-        self._seen_before = 0
         self._retries = 0
         self._returns = 0
         """Times that the robot went back for more room, with no attempt in between"""
         self._aligning = False
-        self._verdict_from: int | None = None
+        self._judges_since_ns: int | None = None
+        self._seen_from_dock = self._marker_from_dock.x_m >= dock.whole_view_m and self._in_picture(
+            _DOCKED
+        )
 
     @property
     def odom_from_dock(self) -> SE2 | None:
@@ -213,7 +215,7 @@ class Docker:
         running_s = self._running_s(now_ns)
         fresh = now_ns - estimate.last_stamp_ns <= p.external_detection_timeout * 1e9
         seen = estimate.count > 0 and fresh
-        if estimate.count - self._seen_before >= p.views and self._stands(elapsed_s):
+        if estimate.new >= p.views and self._stands(elapsed_s):
             dock = self.odom_from_dock
             assert dock is not None
             at = dock.inverse() @ base
@@ -226,8 +228,8 @@ class Docker:
         if running_s > p.initial_perception_timeout:
             raise NavigationError(
                 ErrorCode.FAILED_TO_DETECT_DOCK,
-                f"the dock's marker was detected {estimate.count - self._seen_before} times in "
-                f"{running_s:.1f} s: must be at least {p.views} times",
+                f"the dock's marker was detected {estimate.new} times in {running_s:.1f} s: "
+                f"must be at least {p.views} times",
             )
         if seen:
             bearing_rad = _bearing(base, estimate.odom_from_marker)
@@ -276,19 +278,23 @@ class Docker:
             return self._answer(wanted, elapsed_s)
         left_m = -at.x_m - self._limited.velocity.linear_m_s * elapsed_s
         if left_m <= 0.0:
-            self._aligning, self._verdict_from = True, None
+            self._aligning, self._judges_since_ns = True, None
             return self._align(now_ns, elapsed_s, at)
         speed_m_s = min(p.straight_speed, math.sqrt(p.acceleration * left_m))
         return self._answer(self._along_axis(at, max(speed_m_s, 0.01)), elapsed_s)
+
+    def _in_picture(self, at: SE2) -> bool:
+        """Whether the camera looks towards the marker, from a pose in the docked robot's frame."""
+        marker = self._marker_from_dock.inverse()
+        half_side_rad = portable.atan2(0.5 * self._dock.side_m, at.distance_m(marker))
+        return abs(_bearing(at, marker)) <= self._dock.half_view_rad - half_side_rad
 
     def _is_hidden(self, base: SE2, at: SE2) -> bool:
         """Whether the marker is out of the picture because of where the robot looks, and odometry
         is good enough to continue by: a curve to a dock far aside leads there.
         """
-        marker = self._marker_from_dock.inverse()
-        half_side_rad = portable.atan2(0.5 * self._dock.side_m, at.distance_m(marker))
-        outside = abs(_bearing(at, marker)) > self._dock.half_view_rad - half_side_rad
-        return outside and self._estimate.position_std_m(base) <= self._params.lateral_tolerance
+        exact = self._estimate.position_std_m(base) <= self._params.lateral_tolerance
+        return exact and not self._in_picture(at)
 
     def _check_approach(
         self, now_ns: int, base: SE2, at: SE2, time_to_collision: TimeToCollision
@@ -324,22 +330,31 @@ class Docker:
                 )
 
     def _align(self, now_ns: int, elapsed_s: float, at: SE2) -> DockingStep:
-        """Turn to the dock's heading on the spot, then judge by new sightings."""
+        """Turn to the dock's heading on the spot, then judge by new sightings; by odometry alone
+        only where the marker cannot be seen from the dock.
+        """
         p, estimate = self._params, self._estimate
         turn_rad = -at.yaw_rad
-        judging = self._verdict_from is not None
+        judging = self._judges_since_ns is not None
         if abs(turn_rad) > (p.yaw_tolerance if judging else 0.3 * p.yaw_tolerance):
-            self._verdict_from = None
+            self._judges_since_ns = None
             return self._answer(self._turn(turn_rad), elapsed_s)
         if not self._stands(elapsed_s):
             return self._answer(STOP, elapsed_s)
-        if self._verdict_from is None:
-            self._verdict_from = estimate.count
-            self._since_verdict_ns = now_ns
-        waited_s = (now_ns - self._since_verdict_ns) * 1e-9
-        unseen = waited_s > 2.0 * p.external_detection_timeout
-        if estimate.count - self._verdict_from < p.views and not unseen:
-            return self._answer(STOP, elapsed_s)
+        if self._judges_since_ns is None:
+            self._judges_since_ns = now_ns
+            estimate.count_anew()
+        if estimate.new < p.views:
+            # From the last one on: a slow camera needs longer for all of them.
+            waited_s = (now_ns - max(self._judges_since_ns, estimate.last_stamp_ns)) * 1e-9
+            if waited_s <= 2.0 * p.external_detection_timeout:
+                return self._answer(STOP, elapsed_s)
+            if self._seen_from_dock:
+                raise NavigationError(
+                    ErrorCode.FAILED_TO_DETECT_DOCK,
+                    f"the dock's marker was detected {estimate.new} times from the dock, and not "
+                    f"for {waited_s:.1f} s: must be at least {p.views} times",
+                )
         if abs(at.y_m) > p.lateral_tolerance or at.x_m > p.longitudinal_tolerance:
             raise NavigationError(
                 ErrorCode.FAILED_TO_CONTROL,
@@ -405,8 +420,8 @@ class Docker:
 
     def _enter(self, state: DockState, now_ns: int) -> None:
         self._state, self._since_ns = state, now_ns
-        self._aligning, self._verdict_from = False, None
-        self._seen_before = self._estimate.count if state is DockState.INITIAL_PERCEPTION else 0
+        self._aligning, self._judges_since_ns = False, None
+        self._estimate.count_anew()
 
     def _running_s(self, now_ns: int) -> float:
         return (now_ns - (self._since_ns or 0)) * 1e-9
@@ -416,6 +431,7 @@ class Docker:
         return DockingStep(self._state, velocity, self._retries, False)
 
 
+_DOCKED = SE2(0.0, 0.0, 0.0)
 _MOST_RETURNS = 2
 
 
