@@ -107,6 +107,29 @@ def test_what_is_no_dock_is_refused_by_name_with_the_reason() -> None:
     assert unknown.value.code is ErrorCode.DOCK_NOT_IN_DB
 
 
+def test_a_name_that_is_another_markers_id_leads_to_no_other_wall() -> None:
+    here, there = marker(8, SE2(0.0, 0.0, 0.0)), marker(5, SE2(9.0, 0.0, 3.1))
+    both = there.model_copy(update={"name": "8"})
+    docks = Docks()
+    for order in ((here, both), (both, here)):
+        docks.learn(order, CAMERA)
+        with pytest.raises(
+            NavigationError, match=r"'8': the id of marker 'aruco_8', and the name of .* id 5"
+        ) as caught:
+            docks.by_name("8")
+        assert caught.value.code is ErrorCode.DOCK_NOT_VALID
+        assert docks.by_name("aruco_8").marker_id == "8"
+        assert docks.by_name("5").marker_id == "5"
+    # One at which the robot cannot dock takes no id from another.
+    high = marker(5, SE2(9.0, 0.0, 3.1), 2.0).model_copy(update={"name": "8"})
+    for order in ((here, high), (high, here)):
+        docks.learn(order, CAMERA)
+        assert docks.by_name("8").marker_id == "8"
+    own = marker(8, SE2(0.0, 0.0, 0.0)).model_copy(update={"name": "8"})
+    docks.learn([own], CAMERA)
+    assert docks.by_name("8").marker_id == "8"
+
+
 def test_without_the_camera_there_is_no_dock_until_it_comes() -> None:
     docks = Docks()
     docks.learn([marker(60, SE2(1.0, 2.0, 0.5))], None)

@@ -98,7 +98,7 @@ class Docks:
     places: DockPlaces = field(default_factory=DockPlaces)
     known: dict[str, Dock] = field(default_factory=dict)
     refused: dict[str, str] = field(default_factory=dict)
-    """Why a marker is no dock."""
+    """Why a name or id is that of no dock."""
 
     def __len__(self) -> int:
         """Number of names, of docks and of markers that are none."""
@@ -111,20 +111,33 @@ class Docks:
     def learn(self, markers: Iterable[MarkerEntity], camera: CameraView | None) -> None:
         """Forget the docks before, and make each of these markers a dock, if it can be one.
 
+        Ids come first: where a name is also another marker's id, it is never that of the name's.
+
         Args:
             markers: all markers of the world.
             camera: None while it is not known, or there is none.
         """
-        self.known.clear()
-        self.refused.clear()
-        for marker in markers:
-            names = (marker.name, str(marker.marker_id))
-            try:
-                dock = self._dock(marker, camera)
-            except ValueError as error:
-                self.refused.update(dict.fromkeys(names, str(error)))
-            else:
-                self.known.update(dict.fromkeys(names, dock))
+        by_id = {str(marker.marker_id): marker for marker in markers}
+        made = {marker_id: self._dock_or_why(one, camera) for marker_id, one in by_id.items()}
+        called = dict(made)
+        for marker_id, marker in by_id.items():
+            other = by_id.get(marker.name, marker)
+            if other is marker:
+                called[marker.name] = made[marker_id]
+            elif isinstance(made[marker_id], Dock) and isinstance(made[marker.name], Dock):
+                called[marker.name] = (
+                    f"the id of marker {other.name!r:.60}, and the name of the marker with id "
+                    f"{marker_id}: a name must not be another marker's id"
+                )
+        self.known = {name: dock for name, dock in called.items() if isinstance(dock, Dock)}
+        self.refused = {name: why for name, why in called.items() if isinstance(why, str)}
+
+    def _dock_or_why(self, marker: MarkerEntity, camera: CameraView | None) -> Dock | str:
+        """The dock before a marker, or why there is none."""
+        try:
+            return self._dock(marker, camera)
+        except ValueError as error:
+            return str(error)
 
     def _dock(self, marker: MarkerEntity, camera: CameraView | None) -> Dock:
         map_from_marker = planar_marker(pose_matrix(marker))
@@ -149,7 +162,7 @@ class Docks:
         """A dock by its marker's name or id.
 
         Raises NavigationError with DOCK_NOT_IN_DB where there is no such marker, and
-        DOCK_NOT_VALID where the robot cannot dock at it.
+        DOCK_NOT_VALID where the robot cannot dock at it, or two markers are called so.
         """
         if name in self.refused:
             raise NavigationError(
