@@ -240,6 +240,21 @@ def test_another_world_is_loaded_and_driven_in(worlds_dir: Path, tmp_path: Path)
     assert [len(summary["goals"]) for summary in summaries] == [0, 1]
 
 
+def test_what_was_spawned_is_gone_when_its_world_is_loaded_again(worlds_dir: Path) -> None:
+    folder.write(worlds_dir, "hall", folder.room() | {"name": "hall", "wall_height_m": 2.0})
+    box = Shape(name="box", geometry=Box(size_m=(0.2, 0.2, 0.4)))
+    crate = BodyEntity(name="crate", position_m=(0.8, 0.0, 0.2), shapes=(box,))
+    with Session("room", camera=False, worlds_dir=worlds_dir) as session:
+        at_first = session.entities().entities
+        session.spawn(crate)
+        for name in ("hall", "room"):
+            reply = session.ask(LOAD_WORLD, LoadWorld(world_name=name))
+            session.run_for(0.2)
+            assert session.stats.world_hash == reply.world_hash
+            assert session.entities().entities == at_first
+            session.spawn(crate)
+
+
 def test_a_thing_is_put_moved_and_taken_away(session: Session) -> None:
     session.run_for(0.2)
     box = Shape(name="box", geometry=Box(size_m=(0.2, 0.2, 0.4)))

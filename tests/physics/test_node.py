@@ -265,6 +265,37 @@ def test_a_spawner_that_begins_anew_finds_what_stood_before() -> None:
     assert [refusal.name for refusal in told.refused] == ["c"]
 
 
+@pytest.mark.parametrize("set_first", [False, True])
+def test_a_world_that_is_loaded_again_has_what_its_new_set_has(set_first: bool) -> None:
+    driver = Driver()
+    driver.send_asset(PANEL_TEXTURE)
+    driver.load(world())
+    hung, spawned = panel("a", PANEL_SHA), panel("b", PANEL_SHA, position_m=(-0.7, -1.957, 0.3))
+    _desire(driver, hung, spawned)
+    other = world(name="other")
+    driver.deliver(WORLD, other)
+    driver.deliver(DESIRED_ENTITIES, Entities(world_hash=other.hash))
+    anew = Entities(world_hash=world().hash, entities=(hung,))
+    if set_first:
+        # The spawner is back before the other world is built.
+        driver.deliver(DESIRED_ENTITIES, anew)
+    driver.turn()
+    assert driver.node.world_hash == other.hash
+    driver.deliver(WORLD, world())
+    driver.turn()
+    if not set_first:
+        assert driver.node.world_hash == other.hash
+        driver.deliver(DESIRED_ENTITIES, anew)
+        driver.turn()
+    assert driver.node.world_hash == world().hash
+    assert driver.last(ENTITIES).entities == (hung,)
+    # A spawner that starts again within this load finds what it had.
+    driver.revision = 0
+    _desire(driver, hung, spawned)
+    driver.revision = -1
+    assert _desire(driver, hung).entities == (hung, spawned)
+
+
 def test_no_more_than_200_entities() -> None:
     driver = Driver()
     driver.send_asset(PANEL_TEXTURE)

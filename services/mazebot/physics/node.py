@@ -483,8 +483,11 @@ class PhysicsNode(ClockNode):
 
     def _take_in_desired(self, desired: Entities, outbox: Outbox) -> None:
         """Keep the newest set of each of the last few worlds."""
-        if desired.revision == 0 and desired.world_hash == self.world_hash and self._entities:
-            # A spawner that has just started does not know what was spawned, moved and deleted.
+        newest = next(reversed(self._desired), None)
+        starts = desired.revision == 0 and newest == desired.world_hash == self.world_hash
+        if starts and self._entities:
+            # A spawner that has just started does not know what was spawned, moved and deleted;
+            # one that comes from another world begins this one anew.
             standing = self._entities.entities
             refused = {refusal.name for refusal in self._entities.refused}
             refused -= {entity.name for entity in standing}
@@ -494,6 +497,11 @@ class PhysicsNode(ClockNode):
         self._desired.pop(desired.world_hash, None)
         self._desired[desired.world_hash] = desired
         while len(self._desired) > _MAX_DESIRED_SETS:
+            del self._desired[next(iter(self._desired))]
+
+    def _forget_worlds_before(self, world: World) -> None:
+        """Drop the sets that came before this world's: one that is loaded again begins anew."""
+        while next(iter(self._desired)) != world.hash:
             del self._desired[next(iter(self._desired))]
 
     def _hand_over(self, entities: Entities, outbox: Outbox) -> None:
@@ -572,6 +580,7 @@ class PhysicsNode(ClockNode):
         if kept is not None:
             simulation.bodies.set_robot_aside()
         self._kept, self._resumed_from = kept, None
+        self._forget_worlds_before(world)
         self._simulation = simulation
         self._placement = placement
         self._surfaces = seen
