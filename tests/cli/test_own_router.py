@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import signal
 import socket
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -22,11 +24,13 @@ from mazebot.common.bus.session import open_session
 from mazebot.common.client.over_zenoh import ZenohRobot
 from mazebot.common.client.subscription import Subscription
 from mazebot.common.config import ConfigError
+from mazebot.common.messages.action_documents import LoadWorld, LoadWorldReply
 from mazebot.common.messages.documents import SimulationControl, SimulationStats
 from mazebot.common.messages.keys import DEFAULT_KEYS
 from mazebot.common.messages.topics import (
     DIAGNOSTICS,
     GOAL_POSE,
+    LOAD_WORLD,
     ODOM,
     PARAMETERS,
     SIMULATION_CONTROL,
@@ -35,6 +39,8 @@ from mazebot.common.messages.topics import (
 )
 from mazebot.common.node.executive import Executive
 from mazebot.common.node.node import Envelope
+from mazebot.console.config import ConsoleConfig
+from mazebot.embedded import demo
 from mazebot.embedded.demo import DemoOptions, build_nodes
 from mazebot.embedded.watched_transport import WatchedTransport
 from tests.cli.test_app import assert_one_line, mazebot
@@ -199,6 +205,36 @@ def test_time_is_controlled_from_outside(run: Run, robot: ZenohRobot) -> None:
     at_s = run.executive.now_ns * 1e-9
     assert control(step=24).stats.sim_time_s == pytest.approx(at_s + 0.1, abs=0.01)
     assert not control(pause=False).stats.paused
+
+
+def test_a_demo_loads_other_worlds_in_the_place_of_its_own_and_refuses_unknown_ones(
+    tmp_path: Path,
+) -> None:
+    bus = OwnRouter(0)
+    higher = ("wall_height_m=2.0",)
+
+    def load_all() -> list[LoadWorldReply]:
+        wanted = [("maze", ()), ("nosuch", ()), ("original", ()), ("original", higher)]
+        with ZenohRobot(bus.endpoint) as robot:
+            wait_until(robot.alive)
+            try:
+                return [
+                    robot.ask(LOAD_WORLD, LoadWorld(world_name=name, overrides=overrides), 60.0)
+                    for name, overrides in wanted
+                ]
+            finally:
+                signal.raise_signal(signal.SIGINT)
+
+    with ThreadPoolExecutor(1) as pool:
+        loading = pool.submit(load_all)
+        demo.run(options(tmp_path, console=ConsoleConfig(port=0), open_bus=lambda: bus))
+    maze, unknown, own, other = loading.result()
+    assert (maze.world_name, maze.is_new, maze.error) == ("maze", True, "")
+    assert "must be one of maze" in unknown.error
+    assert unknown.world_hash == maze.world_hash
+    assert (own.world_name, own.is_new, own.error) == ("sim_house", True, "")
+    assert (other.world_name, other.is_new, other.error) == ("sim_house", True, "")
+    assert other.world_hash != own.world_hash
 
 
 def hash_at(seconds: float, folder: Path, on_bus: bool) -> str:

@@ -44,6 +44,7 @@ from mazebot.worldgen.config import WorldgenConfig
 from mazebot.worldgen.files import load_any
 from mazebot.worldgen.node import Load, WorldgenNode
 from mazebot.worldgen.recipe.loaded_world import LoadedWorld
+from mazebot.worldgen.recipe.loader import load_world
 from mazebot.worldgen.recipe.sources import SHORT_NAMES, full_name
 
 if TYPE_CHECKING:
@@ -349,6 +350,16 @@ def _beside(options: DemoOptions) -> Beside | None:
     return Beside(console, options.open_bus)
 
 
+def _world_loader(options: DemoOptions, loaded: LoadedWorld) -> Load:
+    """Loads worlds by name, as in a stack of services; the run's own one is there already."""
+    config, bringup = worldgen_config(options), bringup_config(options)
+    own = (
+        bringup.world_name, bringup.use_aruco, config.worlds_dir, config.texture_base,
+        bringup.world_overrides,
+    )  # fmt: skip
+    return lambda *asked: loaded if asked == own else load_world(*asked)
+
+
 def _run(
     options: DemoOptions,
     loaded: LoadedWorld,
@@ -357,8 +368,8 @@ def _run(
     rosout: log.RosoutHandler,
     stopped: list[int],
 ) -> int:
-    # No node in this process requests another world.
-    nodes = build_nodes(options, lambda *_: loaded, None if beside is None else beside.robot)
+    load = _world_loader(options, loaded)
+    nodes = build_nodes(options, load, None if beside is None else beside.robot)
     if beside is not None:
         for node in nodes:
             node.prepare()
