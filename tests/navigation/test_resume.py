@@ -6,17 +6,27 @@ from typing import Any
 
 import pytest
 
+from mazebot.common.config import value_of
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages import action_documents as act
-from mazebot.common.messages.documents import Planar, SimulationStats
+from mazebot.common.messages.documents import (
+    Planar,
+    SetParameters,
+    SetParametersReply,
+    SimulationStats,
+)
 from mazebot.common.messages.error_codes import ErrorCode
 from mazebot.common.messages.topics import (
     ACTION_RESULT,
+    CMD_VEL,
     LOCALIZATION_CHECKPOINT,
     LOCALIZATION_STATUS,
     NAVIGATION_CHECKPOINT,
     NAVIGATION_STATUS,
+    PARAMETER_EVENTS,
+    PARAMETERS,
     SEND_GOAL,
+    SET_PARAMETERS,
     SIMULATION_STATS,
     Topic,
 )
@@ -26,6 +36,7 @@ from tests.navigation.driving import LOCATIONS, NodeDriver, estimate_error_m
 
 CHECKPOINTS: tuple[Topic[Any], ...] = (LOCALIZATION_CHECKPOINT, NAVIGATION_CHECKPOINT)
 GOAL = LOCATIONS["location1"]
+VEL, TURN = "controller_server.max_linear_vel", "controller_server.max_angular_vel"
 STATS: SimulationStats = SAMPLES[SIMULATION_STATS]
 
 
@@ -147,10 +158,59 @@ def test_a_motion_that_cannot_go_on_ends_with_the_reason() -> None:
 
 @pytest.mark.parametrize("changes", [{"epoch": 4}, {"world_hash": "another"}])
 def test_what_belongs_to_another_run_is_left(changes: dict[str, Any]) -> None:
-    driver = again(on_the_way(), **changes)
+    before = on_the_way()
+    set_value(before, VEL, 0.1)
+    driver = again(before, **changes)
     driver.run(2.0)
     assert driver.of(NAVIGATION_STATUS)[-1].goal is None
     assert not driver.results()
+    assert value_of(driver.node.parameters().values, VEL) == 0.46
+
+
+def set_value(driver: NodeDriver, name: str, value: Any) -> None:
+    replies: list[SetParametersReply] = []
+    asked = SetParameters(values={name: value})
+    driver.inbox.ask(SET_PARAMETERS, asked, replies.append)
+    driver.step()
+    assert replies == [SetParametersReply()]
+
+
+def test_what_was_set_on_the_way_stays_set() -> None:
+    before = on_the_way(seconds=1.0)
+    set_value(before, VEL, 0.1)
+    driver = again(before)
+    driver.run(5.0)
+    assert driver.of(NAVIGATION_STATUS)[-1].goal is not None
+    assert 0.05 < max(one.twist.linear.x for one in driver.of(CMD_VEL)) < 0.11
+    assert value_of(driver.node.parameters().values, VEL) == 0.1
+    assert value_of(driver.of(PARAMETERS)[-1].values, VEL) == 0.1
+    (event,) = driver.of(PARAMETER_EVENTS)
+    assert [one.value.double_value for one in event.changed_parameters] == [0.1]
+    # It goes on to a process after that one, and what is set last counts.
+    set_value(driver, VEL, 0.2)
+    third = again(driver)
+    set_value(third, TURN, 0.5)
+    third.run(2.0)
+    values = third.node.parameters().values
+    assert (value_of(values, VEL), value_of(values, TURN)) == (0.2, 0.5)
+    assert third.of(NAVIGATION_CHECKPOINT)[-1].parameters == {VEL: 0.2, TURN: 0.5}
+
+
+def test_what_is_set_stays_without_a_goal_and_in_a_run_that_was_reset() -> None:
+    driver = NodeDriver()
+    driver.learn()
+    driver.deliver(SIMULATION_STATS, STATS)
+    driver.run(0.5)
+    set_value(driver, VEL, 0.1)
+    reset = STATS.model_copy(update={"epoch": STATS.epoch + 1, "resumed_from": None})
+    driver.deliver(SIMULATION_STATS, reset)
+    driver.run(0.5)
+    first, *_, last = driver.of(NAVIGATION_CHECKPOINT)
+    assert (first.epoch, first.parameters) == (STATS.run_epoch, {VEL: 0.1})
+    assert (last.epoch, last.parameters) == (reset.epoch, {VEL: 0.1})
+    following = again(driver, epoch=STATS.run_epoch)
+    following.run(0.5)
+    assert value_of(following.node.parameters().values, VEL) == 0.1
 
 
 def test_what_others_keep_of_itself_is_not_taken_up() -> None:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from pydantic import JsonValue
 
-from mazebot.common.config import ConfigError, with_values
+from mazebot.common.config import ConfigError, value_of, with_values
 from mazebot.common.maths.frames import (
     BASE_FOOTPRINT_FRAME,
     CAMERA_FRAME,
@@ -150,6 +150,13 @@ _REJECTED_PERIOD_NS = 1_000_000_000
 _LOCALIZATION = "localization to converge"
 
 
+class _Checkpoint(NamedTuple):
+    world_hash: str
+    epoch: int | None
+    goal: Goal | None
+    parameters: Mapping[str, JsonValue]
+
+
 class NavigationNode(Node):
     """Drives the robot to goals in the map."""
 
@@ -200,8 +207,10 @@ class NavigationNode(Node):
         """Of the process before, until its goal is taken up."""
         self._resumed = False
         """Whether that has been done, or there was none."""
-        self._checkpoint: Goal | None = None
-        """The goal last published as what a process after this one goes on with."""
+        self._checkpoint: _Checkpoint | None = None
+        """What was last published for a process after this one to go on with."""
+        self._changed: dict[str, JsonValue] = {}
+        """The parameters that were set, in this process or in those before it in this run."""
         self._photo_requested_ns: int | None = None
         """When the picture was requested that is yet to come."""
         check_parts(config)
@@ -276,7 +285,7 @@ class NavigationNode(Node):
             hidden_m = drive.hidden.from_base(self._measured.odom[1])
             view = self._measured.view(now_ns, self._watch.epoch, drive.tracker, hidden_m)
             drive.robot.begin(view)
-        self._resume(now_ns, inbox)
+        self._resume(now_ns, inbox, outbox)
         self._goals.take_poses(now_ns, inbox.new(GOAL_POSE), self._ready_drive)
         self._answer(now_ns, inbox)
         if self._drive is not None:
@@ -287,26 +296,45 @@ class NavigationNode(Node):
         self._control(now_ns, outbox, passes)
         self._publish(now_ns, outbox)
 
-    def _resume(self, now_ns: int, inbox: Inbox) -> None:
-        """Go on with the goal of the process before, if it had one in this run."""
+    def _resume(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
+        """Go on with the parameters that were set in the process before, and with its goal, if it
+        was in this run.
+        """
         kept = self._kept = inbox.latest(NAVIGATION_CHECKPOINT) or self._kept
         if self._resumed:
             # What others keep is of this process itself.
             self._kept = None
             return
-        if self._world is None or self.waiting_for() is not None or not inbox.is_handed_over:
+        if self._world is None or not inbox.is_handed_over:
+            return
+        run = self._world.hash, self._watch.epoch
+        if kept is not None and (kept.world_hash, kept.epoch) != run:
+            kept = None
+        if kept is not None:
+            self._take_parameters(now_ns, kept.parameters, outbox)
+        if self.waiting_for() is not None:
             return
         self._kept, self._resumed = None, True
-        if kept is None or kept.goal is None or (kept.world_hash, kept.epoch) != (
-            self._world.hash, self._watch.epoch,
-        ):  # fmt: skip
+        if kept is None or kept.goal is None:
             return
         goal = Goal(
             kept.goal_id, kept.goal_stamp_ns, kept.goal, kept.start_ns, kept.resumed + 1
         )  # fmt: skip
         # Others keep it until they are told otherwise.
-        self._checkpoint = goal._replace(resumed=kept.resumed)
+        self._checkpoint = _Checkpoint(*run, goal._replace(resumed=kept.resumed), kept.parameters)
         self._goals.resume(now_ns, goal, self._ready_drive)
+
+    def _take_parameters(self, now_ns: int, kept: Mapping[str, JsonValue], outbox: Outbox) -> None:
+        """Set what was set in the process before, except what was set in this one."""
+        values = {name: value for name, value in kept.items() if name not in self._changed}
+        if not values:
+            return
+        try:
+            self._change(now_ns, values, outbox)
+        except ConfigError as error:
+            _LOG.error("parameters that were set before navigation was restarted: %s", error)
+            # A process after this one may take them.
+            self._changed = {**values, **self._changed}
 
     def _take_world(self, now_ns: int, inbox: Inbox) -> None:
         """Process latched topics. The same world or map, received again, changes nothing."""
@@ -605,17 +633,14 @@ class NavigationNode(Node):
     def _set_parameters(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
         """Change parameters, also while the robot drives."""
         for wanted in inbox.requests(SET_PARAMETERS):
-            values = wanted.message.values
             try:
-                self._reconfigure(values)
+                self._change(now_ns, wanted.message.values, outbox)
             except ConfigError as error:
                 wanted.respond(SetParametersReply(error=str(error)))
-                continue
-            outbox.put(PARAMETERS, self.parameters())
-            outbox.put(PARAMETER_EVENTS, parameter_event(self, now_ns, values))
-            wanted.respond(SetParametersReply())
+            else:
+                wanted.respond(SetParametersReply())
 
-    def _reconfigure(self, values: Mapping[str, JsonValue]) -> None:
+    def _change(self, now_ns: int, values: Mapping[str, JsonValue], outbox: Outbox) -> None:
         """Raises ConfigError where a value is invalid, or cannot be changed."""
         for name in values:
             if not name.startswith(self.live_parameters):
@@ -626,6 +651,11 @@ class NavigationNode(Node):
             random = random_generator(self._watch.seed, "navigation/control")
             reconfigure(self._drive, self._config, config, random)
         self._config = config
+        told = self.parameters()
+        changed = {name: value_of(told.values, name) for name in values}
+        self._changed = {**self._changed, **changed}
+        outbox.put(PARAMETERS, told)
+        outbox.put(PARAMETER_EVENTS, parameter_event(self, now_ns, changed))
         _LOG.info("Set %s", ", ".join(f"{name} to {value}" for name, value in values.items()))
 
     def _control(self, now_ns: int, outbox: Outbox, passes: bool) -> None:
@@ -713,15 +743,17 @@ class NavigationNode(Node):
     ) -> None:
         if self._kept is not None or not outbox.is_read(NAVIGATION_CHECKPOINT):
             return
-        goal = self._goals.remaining(now_ns, feedback)
-        if goal == self._checkpoint:
+        goal, before = self._goals.remaining(now_ns, feedback), self._checkpoint
+        now = _Checkpoint(self.world_hash, self._watch.epoch, goal, self._changed)
+        if now == before or (before is None and goal is None and not self._changed):
             return
-        self._checkpoint = goal
+        self._checkpoint = now
         outbox.put(
             NAVIGATION_CHECKPOINT,
             act.NavigationCheckpoint(
-                world_hash=self.world_hash,
-                epoch=self._watch.epoch,
+                world_hash=now.world_hash,
+                epoch=now.epoch,
+                parameters=dict(now.parameters),
                 goal=None if goal is None else goal.asked,
                 goal_id="" if goal is None else goal.goal_id,
                 goal_stamp_ns=None if goal is None else goal.stamp_ns,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, JsonValue
 
 from mazebot.common.messages.documents import Document, Entity, Finite, Location, Planar
 
@@ -163,6 +163,9 @@ class NavigationCheckpoint(Document):
 
     world_hash: str
     epoch: int | None = Field(description="the simulation's, in which the run began")
+    parameters: dict[str, JsonValue] = Field(
+        default_factory=dict, description="those that were set while it ran, by dotted name"
+    )
     goal: ActionGoal | None = Field(description="what is still to be done; null: no goal")
     goal_id: str = Field("", description="empty: it came on /goal_pose")
     goal_stamp_ns: int | None = Field(None, description="stamp of the message on /goal_pose")

@@ -377,7 +377,7 @@ NAVIGATION_STATUS = Topic(
 )  # fmt: skip
 NAVIGATION_CHECKPOINT = Topic(
     "/navigation/checkpoint", act.NavigationCheckpoint, ("navigation",), (), _LATCHED,
-    "the goal that a navigation that is started again goes on with",
+    "the goal, and the parameters, that a navigation that is started again goes on with",
     returned=True, keepers=("localization", "mapping", "perception"),
 )  # fmt: skip
 NAVIGATION_RESULT = Topic(
