@@ -64,13 +64,14 @@ class Navigation:
         self.commands: list[msg.TwistStamped] = []
         self.cancelled: list[CancelGoal] = []
         self.came = threading.Event()
+        self.stats = STATS
         self.ends: dict[str, Any] | None = None
         """Fields of the result with which a goal ends at once."""
         self._results = publish(self.session, NAVIGATION_RESULT)
         self._kept = [
             subscribe(self.session, GOAL_POSE, self._take_goal),
             subscribe(self.session, CMD_VEL, self._take_command),
-            self._answer(SIMULATION_CONTROL, lambda _: SimulationControlReply(stats=STATS)),
+            self._answer(SIMULATION_CONTROL, lambda _: SimulationControlReply(stats=self.stats)),
             self._answer(CANCEL_GOAL, self._cancel),
             self.session.liveliness().declare_token(alive_key("physics", "a")),
         ]

@@ -29,14 +29,17 @@ from mazebot.common.messages.documents import (
     Entities,
     LocalizationStatus,
     Location,
+    NavigationStatus,
     Planar,
 )
 from mazebot.common.messages.topics import (
     ACTION_FEEDBACK,
     ACTION_RESULT,
     AMCL_POSE,
+    EMERGENCY_STOP,
     GET_ENTITIES,
     LOCALIZATION_STATUS,
+    NAVIGATION_STATUS,
     PHOTO,
     PHOTO_REQUEST,
     REINITIALIZE_GLOBAL_LOCALIZATION,
@@ -46,7 +49,7 @@ from mazebot.common.messages.topics import (
 )
 from mazebot.common.messages.wire import encode
 from tests.cli.test_app import assert_one_line, mazebot
-from tests.cli.test_goal import DEADLINE_S, Navigation
+from tests.cli.test_goal import DEADLINE_S, STATS, Navigation
 from tests.common.samples import ENTITIES, HEADER, SAMPLES
 from tests.physics.driver import world
 
@@ -70,12 +73,13 @@ class Robot(Navigation):
         self.statuses: list[LocalizationStatus] = []
         topics: tuple[Topic[Any], ...] = (
             ACTION_FEEDBACK, ACTION_RESULT, AMCL_POSE, LOCALIZATION_STATUS, PHOTO, PHOTO_REQUEST,
-            WORLD,
+            NAVIGATION_STATUS, WORLD,
         )  # fmt: skip
         self.out = {topic.name: publish(self.session, topic) for topic in topics}
         self._also = [
             self._answer(SEND_GOAL, self._send_goal),
             self._answer(GET_ENTITIES, lambda _: self.entities),
+            self._answer(EMERGENCY_STOP, lambda _: act.Reply()),
             self._answer(REINITIALIZE_GLOBAL_LOCALIZATION, self._search),
             self.session.liveliness().declare_token(alive_key("localization", "a")),
         ]
@@ -198,8 +202,26 @@ def test_a_failure_has_its_code_and_missed_waypoints_their_lines(robot: Robot) -
     assert done.stdout.splitlines() == [
         "driving to 2 waypoints",
         "waypoint 1 failed: occupied (error code 206, ComputePathToPose GOAL_OCCUPIED)",
-        "done after 7.5 s, 2 recoveries",
     ]
+    assert done.stderr == ("error: waypoints: reached 1 of 2 waypoints after 7.5 s, 2 recoveries\n")
+    assert done.returncode == 1
+    assert run(robot, "waypoints", "hall", "kitchen", "--json").returncode == 1
+    robot.result = {"status": "succeeded"}
+    done = run(robot, "waypoints", "hall", "kitchen", "--loops", "1")
+    assert done.stdout.splitlines()[-1] == "reached 4 of 4 waypoints after 7.5 s"
+    assert done.returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("state", "task"), [("idle", ""), ("held", "; its task goes on, unless it is paused")]
+)
+def test_a_stop_that_is_cleared_tells_of_a_task_that_waits(
+    robot: Robot, state: Any, task: str
+) -> None:
+    robot.stats = STATS.model_copy(update={"emergency_stop": "smoke"})
+    status = NavigationStatus(localization_active=True, navigation_active=True, state=state)
+    robot.put(NAVIGATION_STATUS, status)
+    assert run(robot, "stop", "--clear").stdout == f"cleared: the robot may move{task}\n"
 
 
 def test_waypoints_are_sent_with_their_tasks(robot: Robot, tmp_path: Path) -> None:

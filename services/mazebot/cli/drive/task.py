@@ -58,7 +58,7 @@ def run_task(
     on_message: Callable[[Topic[Any], Any], str] = lambda _, __: "",
     meanwhile: Callable[[Robot], None] = lambda _: None,
 ) -> int:
-    """Run an action to its end; returns 0 where it succeeded, else 1.
+    """Run an action to its end; returns 0 where it succeeded, and no waypoint was missed, else 1.
 
     Ctrl-C, and the end of `timeout_s` of wall time, cancel it: the robot stops.
 
@@ -92,7 +92,7 @@ def run_task(
         if result is None:
             cancel_goal(robot, goal_request, PATIENCE_S)
             raise ConfigError(f"{who}: --timeout: {timeout_s:g} s: timed out: canceled")
-    return _ended(who, result, as_json)
+    return _ended(who, goal, result, as_json)
 
 
 @contextlib.contextmanager
@@ -182,10 +182,12 @@ def _rejected(who: str, reply: act.SendGoalReply, as_json: bool) -> int:
     return failure(who, "", reply.error_code, rejection_text(reply))
 
 
-def _ended(who: str, result: act.ActionResult, as_json: bool) -> int:
+def _ended(who: str, goal: act.ActionGoal, result: act.ActionResult, as_json: bool) -> int:
+    missed = len(result.waypoints) if isinstance(goal, act.FollowWaypoints) else 0
+    succeeded = result.status == "succeeded"
     if as_json:
         print_json(result.model_dump(mode="json"))
-        return 0 if result.status == "succeeded" else EXIT_FAILED
+        return 0 if succeeded and not missed else EXIT_FAILED
     for one in result.waypoints:
         if one.error_code:
             name = code_name("NavigateToPose", one.error_code)
@@ -193,9 +195,18 @@ def _ended(who: str, result: act.ActionResult, as_json: bool) -> int:
                 f"waypoint {one.index} {_status(one.status, one.error_msg)} "
                 f"(error code {one.error_code}, {name})\n"
             )
-    if result.status != "succeeded":
+    if not succeeded:
         return failure(who, result.action, result.error_code, result.error_msg)
     recoveries = result.number_of_recoveries
     also = f", {recoveries} recoveries" if recoveries else ""
-    sys.stdout.write(f"done after {result.end_time_s - result.start_time_s:.1f} s{also}\n")
+    taken = f"after {result.end_time_s - result.start_time_s:.1f} s{also}"
+    if not isinstance(goal, act.FollowWaypoints):
+        sys.stdout.write(f"done {taken}\n")
+        return 0
+    count = len(goal.poses) * (goal.number_of_loops + 1)
+    reached = f"reached {count - missed} of {count} waypoints {taken}"
+    if missed:
+        sys.stderr.write(f"error: {who}: {reached}\n")
+        return EXIT_FAILED
+    sys.stdout.write(f"{reached}\n")
     return 0

@@ -44,8 +44,8 @@ def waypoints(
 ) -> None:
     """Send the robot of a running stack to waypoints, one after the other. Ctrl-C cancels them.
 
-    A waypoint that cannot be reached is skipped, and reported at the end. Enter is the input for
-    which a waypoint with `input_timeout_s` waits.
+    A waypoint that cannot be reached is skipped, and reported at the end, with exit code 1. Enter
+    is the input for which a waypoint with `input_timeout_s` waits.
     """
     from mazebot.cli.drive.task import run_task  # noqa: PLC0415 - loads Zenoh
     from mazebot.cli.drive.waypoints_file import read_mission  # noqa: PLC0415
