@@ -21,6 +21,8 @@ from mazebot.navigation.node import NavigationNode
 from mazebot.physics.config import PhysicsConfig
 
 VEL = "controller_server.max_linear_vel"
+BUFFER = "controller_server.general_goal_checker.xy_goal_tolerance_buffer"
+POINTS = "collision_monitor.polygons.FootprintApproach.points"
 
 
 class Navigation(Node):
@@ -153,6 +155,33 @@ def test_to_set_what_it_is_already_is_no_error() -> None:
     response, asked = ask(Physics(), "set_parameters", request)
     assert response.results[0].successful
     assert not asked
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "types"),
+    [
+        (VEL, "0.3", "double (got string)"),
+        (VEL, True, "double (got bool)"),
+        ("max_velocity", "[0.4, 0.0, 1.9]", "double_array (got string)"),
+        ("use_sim_time", 1, "bool (got integer)"),
+        (VEL, ["3.0"], "double (got string_array)"),
+    ],
+)
+def test_another_type_is_refused(name: str, value: Any, types: str) -> None:
+    response, asked = ask(Navigation(), "set_parameters", {"parameters": [given(name, value)]})
+    (result,) = response.results
+    assert not result.successful
+    assert result.reason.endswith(f": Wrong parameter type: must be {types}")
+    assert not asked
+
+
+def test_integers_are_taken_for_doubles_and_an_unset_parameter_takes_any_type() -> None:
+    values = {VEL: 1, "velocity_smoother.max_velocity": [1, 0, 2], BUFFER: 0.1, POINTS: "[]"}
+    request = {"parameters": [given(name, value) for name, value in values.items()]}
+    response, (asked,) = ask(Navigation(), "set_parameters_atomically", request)
+    assert response.result.successful
+    assert asked == values
+    assert type(asked[VEL]) is float
 
 
 def test_a_type_that_no_parameter_has_is_refused() -> None:

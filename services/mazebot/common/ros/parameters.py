@@ -86,6 +86,24 @@ def value_in(message: Any) -> Any:
     return value.tolist() if hasattr(value, "tolist") else value
 
 
+def _value_like(now: Any, message: Any) -> Any:
+    """The JSON value of a rcl_interfaces/msg/ParameterValue for a parameter that is `now`.
+
+    Raises ValueError where it has another type. An integer is taken for a double, and a parameter
+    that is not set has any type.
+    """
+    value, given, wanted = value_in(message), message.type, type_of(now)
+    if (given, wanted) == (INTEGER, DOUBLE):
+        return float(value)
+    if (given, wanted) == (INTEGER_ARRAY, DOUBLE_ARRAY):
+        return [float(one) for one in value]
+    # A list without elements does not tell its type.
+    if given == wanted or NOT_SET in (given, wanted) or [] in (now, value):
+        return value
+    must, got = (_FIELDS[kind].removesuffix("_value") for kind in (wanted, given))
+    raise ValueError(f"Wrong parameter type: must be {must} (got {got})")
+
+
 def _whole_name(node: Node, name: str, values: Mapping[str, Any]) -> str:
     """The dotted name that a name means; itself where it means none."""
     if name in values:
@@ -204,7 +222,7 @@ def _set_all(given: list[Any], node: Node) -> Steps:
             hint = f"; did you mean {known[near[0]]}?" if near else ""
             return _refused(parameter.name, f"no parameter of /{node.name}{hint}")
         try:
-            value = value_in(parameter.value)
+            value = _value_like(values[name], parameter.value)
         except ValueError as error:
             return _refused(name, str(error))
         if not _is_live(node, name):
