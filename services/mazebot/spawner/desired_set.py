@@ -124,7 +124,7 @@ class DesiredSet:
         refused = {one.name for one in standing.refused}
         kept = [name for name in self._things if name in stands or name in refused]
         names = dict.fromkeys([*kept, *stands])
-        mine = self._things
+        mine, published = self._things, tuple(self._entities())
         self._things = {}
         for name in names:
             entity = stands.get(name) or mine[name].entity
@@ -132,6 +132,8 @@ class DesiredSet:
             asked = own.asked if own is not None else entity
             size = own.json_bytes if own is not None else len(entity.model_dump_json())
             self._things[name] = _Thing(entity, asked, size)
+        # A physics that begins anew gets the set that was published last.
+        self._is_stale = self._is_stale or tuple(self._entities()) != published
 
     def apply(self, message: Asked, held: Container[str] = ()) -> EntityReply | Waits | Later:
         """Apply a request to the set; returns the reply if it can be given at once.
