@@ -21,6 +21,7 @@ from mazebot.common.messages.topics import (
     WORLD,
     Topic,
 )
+from mazebot.common.node.diagnostics import SelfReport
 from mazebot.common.node.node import Envelope, Inbox, Outbox
 from mazebot.localization.config import LocalizationConfig
 from mazebot.localization.node import LocalizationNode
@@ -35,8 +36,8 @@ STEP_NS = 50_000_000
 class Bench:
     """A node on a robot that stands at the start."""
 
-    def __init__(self, **world: Any) -> None:
-        self.node = LocalizationNode(LocalizationConfig())
+    def __init__(self, config: LocalizationConfig | None = None, **world: Any) -> None:
+        self.node = LocalizationNode(config or LocalizationConfig())
         self.inbox = Inbox(self.node)
         self.said: list[str] = []
         self.outbox = Outbox(self.node, lambda topic, *_: self.said.append(topic.name))
@@ -47,14 +48,14 @@ class Bench:
         self._sequence += 1
         self.inbox.deliver(topic, message, Envelope("test", self._sequence, 0, ""))
 
-    def run(self) -> None:
+    def run(self, steps: int = 20) -> None:
         loaded = house()
         self.hear(WORLD, self.world)
         self.hear(MAP, msg.occupancy_grid(0, 0.05, loaded.map_origin, loaded.map_cells))
         self.hear(ENTITIES, Entities(world_hash=loaded.world.hash, entities=MARKERS))
         self.hear(TF_STATIC, fixed_frames())
         rng = np.random.default_rng(1)
-        for step in range(1, 21):
+        for step in range(1, steps + 1):
             now_ns = step * STEP_NS
             self.hear(ODOM, odometry(now_ns, IDENTITY, STOP))
             exact_m = cast(START @ BASE_FROM_SCAN, wall_segments())
@@ -98,3 +99,16 @@ def test_the_markers_of_a_map_take_the_place_of_those_that_hang() -> None:
         bench.see()
         rejected = bench.inbox.counts[DETECTIONS.name].rejected
         assert rejected["unknown marker"] == unknown, mapped
+
+
+def test_settings_that_leave_nothing_of_the_scans_are_a_warning() -> None:
+    for config, warning in (
+        (LocalizationConfig(), ""),
+        # Nearer than the nearest range of the sensor.
+        (LocalizationConfig(laser_max_range=0.05), "no scan used for 5 s: 0 of 360 ranges lie"),
+    ):
+        bench = Bench(config)
+        bench.run(steps=105)
+        (status,) = SelfReport(bench.node, bench.inbox, bench.outbox).report(0).status
+        assert status.message.startswith(warning or "active")
+        assert status.level == 1 or not warning

@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Self, TypeVar, get_args
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 from pydantic.fields import FieldInfo
-from pydantic_core import to_jsonable_python
+from pydantic_core import InitErrorDetails, PydanticCustomError, to_jsonable_python
 
 
 class ConfigError(Exception):
@@ -21,9 +30,71 @@ class ConfigError(Exception):
 
 
 class Params(BaseModel):
-    """The base of all settings: unknown names and numbers that are not finite are errors."""
+    """The base of all settings: unknown names, numbers that are not finite, true and false in place
+    of a number, and a least value above the greatest (min_x and max_x, x_min and x_max) are errors.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _is_no_truth_value(cls, value: object, info: ValidationInfo) -> object:
+        kinds = set(_plain_types(cls.model_fields[info.field_name or ""].annotation))
+        if kinds & {int, float} and bool not in kinds and _has_truth_value(value):
+            raise ValueError("must be a number, not true or false")
+        return value
+
+    @model_validator(mode="after")
+    def _has_limits_in_order(self) -> Self:
+        for low, high in limit_pairs(type(self)):
+            self._check_order(low, high)
+        return self
+
+    def _check_order(self, low: str, high: str, apart: bool = False) -> None:
+        """Raise pydantic's ValidationError for one of two numeric fields where the first is above
+        the second; with `apart`, also where they are equal.
+        """
+        least, greatest = getattr(self, low), getattr(self, high)
+        if least < greatest or (least == greatest and not apart):
+            return
+        default = type(self).model_fields[low].default
+        if least == default:
+            name, value, rule = high, greatest, f"{'more than' if apart else 'at least'} {low}"
+        else:
+            name, value, rule = low, least, f"{'less than' if apart else 'at most'} {high}"
+        other = greatest if name == low else least
+        message = PydanticCustomError("order", f"must be {rule}, {other:g}")
+        error = InitErrorDetails(type=message, loc=(name,), input=value)
+        raise ValidationError.from_exception_data(type(self).__name__, [error])
+
+
+def limit_pairs(model: type[BaseModel]) -> list[tuple[str, str]]:
+    """The names of numeric fields that are the least and the greatest value of the same thing:
+    their names differ by min and max only.
+    """
+    pairs = []
+    for low, field in model.model_fields.items():
+        high = "_".join("max" if part == "min" else part for part in low.split("_"))
+        other = model.model_fields.get(high)
+        if high != low and other is not None:
+            if field.annotation in (int, float) and other.annotation in (int, float):
+                pairs.append((low, high))
+    return pairs
+
+
+def _plain_types(annotation: Any) -> Iterator[Any]:
+    """The types of which an annotation is made up."""
+    arguments = get_args(annotation)
+    if not arguments:
+        yield annotation
+    for argument in arguments:
+        yield from _plain_types(argument)
+
+
+def _has_truth_value(value: object) -> bool:
+    if isinstance(value, list | tuple):
+        return any(map(_has_truth_value, value))
+    return isinstance(value, bool)
 
 
 class ServiceConfig(Params):

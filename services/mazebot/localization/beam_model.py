@@ -139,8 +139,7 @@ def scan_view(scan: Scan, max_beams: int) -> ScanView:
     base_from_scan = scan.base_from_scan
     distances_m = np.asarray(scan.ranges_m, np.float64)
     limit_m = min(scan.range_max_m, _FAR_M)
-    returned = (distances_m >= scan.range_min_m) & (distances_m > 0.0) & (distances_m < limit_m)
-    hits, hit_stride = _thinned(np.flatnonzero(returned), max_beams)
+    hits, hit_stride = _thinned(np.flatnonzero(returned(scan)), max_beams)
     misses, miss_stride = _thinned(np.flatnonzero(distances_m >= limit_m), max_beams)
     beams = np.concatenate([hits, misses])
     directions = scan.directions()[beams]
@@ -158,6 +157,13 @@ def scan_view(scan: Scan, max_beams: int) -> ScanView:
         miss_weight,
         min(1.0, max_beams / max(represented, 1.0)),
     )
+
+
+def returned(scan: Scan) -> NDArray[np.bool_]:
+    """(n,) whether a range of a scan is a return: it is in [range_min, range_max)."""
+    distances_m = np.asarray(scan.ranges_m, np.float64)
+    limit_m = min(scan.range_max_m, _FAR_M)
+    return (distances_m >= scan.range_min_m) & (distances_m > 0.0) & (distances_m < limit_m)
 
 
 def _thinned(beams: NDArray[np.int64], most: int) -> tuple[NDArray[np.int64], int]:

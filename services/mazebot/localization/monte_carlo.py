@@ -42,6 +42,7 @@ from mazebot.localization.beam_model import (
     moved_view,
     qualities,
     refutations,
+    returned,
     scan_view,
 )
 from mazebot.localization.candidates import (
@@ -82,6 +83,8 @@ LocalizationState = Literal["uninitialized", "searching", "localized", "lost"]
 
 _FAR_M = 1e3
 """No lidar has a longer range, whatever its message states."""
+_UNUSED_S = 5.0
+"""Time without a scan that is used before that is a warning."""
 _RANDOM_RANGE_M = 3.5
 """Returns from unmapped objects are spread over this range at most."""
 _PREDICT_M, _PREDICT_RAD = 0.2, 0.2
@@ -221,6 +224,10 @@ class Localization:
         self._last_marker: dict[tuple[float, ...], tuple[int, SE2]] = {}
         self._view: tuple[SE2, ScanView] | None = None
         """The last scan, and the odometry at its time."""
+        self._unused_since_ns: int | None = None
+        """Stamp of the first scan since the last one of which the settings left enough."""
+        self.warning = ""
+        """That the settings leave nothing of the scans, in one line; empty: they do."""
 
     @property
     def initialized(self) -> bool:
@@ -357,9 +364,26 @@ class Localization:
         )
         view = scan_view(limited, p.max_beams)
         self._view = (odom_from_base, view)
+        self._note_use(scan, limited, view)
         if self._hypotheses is not None:
             return self._weigh_hypotheses(self._hypotheses, scan.stamp_ns, odom_from_base, view)
         return self._track(scan.stamp_ns, odom_from_base, view)
+
+    def _note_use(self, scan: Scan, limited: Scan, view: ScanView) -> None:
+        """Note whether the settings leave enough of a scan: on open floor there is none."""
+        least = self._params.min_returns
+        if view.returns >= least or np.count_nonzero(returned(scan)) < least:
+            self._unused_since_ns, self.warning = None, ""
+            return
+        if self._unused_since_ns is None:
+            self._unused_since_ns = scan.stamp_ns
+        unused_s = (scan.stamp_ns - self._unused_since_ns) * 1e-9
+        if unused_s >= _UNUSED_S:
+            self.warning = (
+                f"no scan used for {unused_s:.0f} s: {np.count_nonzero(returned(limited))} of "
+                f"{len(scan.ranges_m)} ranges lie within laser_min_range and laser_max_range, and "
+                f"min_returns is {least}"
+            )
 
     def marker(
         self,

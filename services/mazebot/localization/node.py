@@ -148,6 +148,10 @@ class LocalizationNode(Node):
             "particles": str(len(localization.particles())),
         }
 
+    def warning(self) -> str:
+        """See Node: that the settings leave nothing of the scans."""
+        return self._localization.warning if self._localization is not None else ""
+
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
         """Process sensor messages, publish pose and status."""
         if self._watch.restarted(now_ns, inbox.new(SIMULATION_STATS)):
@@ -417,6 +421,7 @@ class LocalizationNode(Node):
         # Called on every step, so that the period counts from the last status published.
         due = self._schedule.is_due("status", now_ns, _STATUS_PERIOD_NS)
         reason = "" if localization is None else "; ".join(localization.reasons)
+        reason = "; ".join(filter(None, (reason, self.warning())))
         slips = self._slip.slips
         suspect = localization is not None and state == "localized" and localization.is_suspect
         published = state, self._watch.epoch, slips, suspect

@@ -179,10 +179,6 @@ class LocalizationParams(Params):
     )
 
     @model_validator(mode="after")
-    def _check(self) -> Self:
-        if self.min_particles > self.max_particles:
-            raise ValueError(
-                f"min_particles: must be at most max_particles, {self.max_particles}, "
-                f"not {self.min_particles}"
-            )
+    def _can_use_scans(self) -> Self:
+        self._check_order("min_returns", "max_beams")
         return self

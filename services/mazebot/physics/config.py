@@ -190,10 +190,13 @@ class PhysicsConfig(ServiceConfig):
     )
     camera_depth_enabled: bool = Field(True, description="also publish depth images")
     camera_depth_min_m: float = Field(
-        _D435I.camera_depth_min_m, ge=0.0, le=10.0, description="nearer depths are published as 0"
+        _D435I.camera_depth_min_m, ge=0.0, le=10.0, description="nearer depths are published as NaN"
     )
     camera_depth_max_m: float = Field(
-        _D435I.camera_depth_max_m, gt=0.0, le=FAR_M, description="farther depths are published as 0"
+        _D435I.camera_depth_max_m,
+        gt=0.0,
+        le=FAR_M,
+        description="farther depths are published as NaN",
     )
     camera_compressed_enabled: bool = Field(False, description="also publish images as JPEG")
     camera_jpeg_quality: int = Field(80, ge=1, le=100, description="quality of the JPEG images")
@@ -212,11 +215,7 @@ class PhysicsConfig(ServiceConfig):
 
     @model_validator(mode="after")
     def _has_depths(self) -> PhysicsConfig:
-        if self.camera_depth_max_m <= self.camera_depth_min_m:
-            raise ValueError(
-                f"camera_depth_max_m: must be more than camera_depth_min_m, "
-                f"{self.camera_depth_min_m:g} (got {self.camera_depth_max_m:g})"
-            )
+        self._check_order("camera_depth_min_m", "camera_depth_max_m", apart=True)
         return self
 
     def robot_urdf(self) -> str:

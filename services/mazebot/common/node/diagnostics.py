@@ -92,11 +92,13 @@ class SelfReport:
         slow += behind
         paces += self._steps()
         facts = [msg.KeyValue(key=key, value=value) for key, value in node.facts().items()]
-        trouble = f"slow: {', '.join(slow)}" if slow else "active"
+        slowness = f"slow: {', '.join(slow)}" if slow else ""
+        warning = node.warning()
+        trouble = "; ".join(filter(None, (warning, slowness)))
         status = msg.DiagnosticStatus(
-            level=_WARN if waiting or faults or slow else _OK,
+            level=_WARN if waiting or faults or trouble else _OK,
             name=node.name,
-            message=f"waiting for {waiting}" if waiting else trouble,
+            message=f"waiting for {waiting}" if waiting else trouble or "active",
             hardware_id="",
             values=[*values, *faults, *rates, *paces, *facts],
         )

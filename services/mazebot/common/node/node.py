@@ -130,6 +130,10 @@ class Node(ABC):
         """Description of the required input that this node still lacks; None: it is active."""
         return None
 
+    def warning(self) -> str:
+        """What is wrong although the node is active, in one line; empty: nothing."""
+        return ""
+
     def reads(self) -> Collection[Topic[Any]]:
         """The topics that this node makes use of: those of the table, or fewer of them."""
         return read_by(self.name)
