@@ -284,6 +284,29 @@ def test_a_reset_puts_things_back_to_where_they_should_be(session: Session) -> N
     assert session.run_until(1.0).state_hash == fallen.state_hash
 
 
+def test_after_a_reset_the_same_moves_are_those_of_a_fresh_start(session: Session) -> None:
+    box = Shape(name="box", geometry=Box(size_m=(0.2, 0.2, 0.2)))
+    first_m = (0.8, 0.0, 0.1)
+    session.spawn(BodyEntity(name="crate", position_m=first_m, mass_kg=0.5, shapes=(box,)))
+    (marker,) = session.entities().markers
+
+    def play() -> str:
+        session.run_for(0.2)
+        assert session.move("crate", (0.8, 0.5, 0.1)).position_m == (0.8, 0.5, 0.1)
+        session.remove(marker.name)
+        return session.run_for(0.2).state_hash
+
+    hashes = []
+    for _ in range(3):
+        hashes.append(play())
+        session.reset()
+        told = session.entities()
+        assert {one.name: one.position_m for one in told.entities} == {
+            "crate": first_m, marker.name: marker.position_m,
+        }  # fmt: skip
+    assert len(set(hashes)) == 1
+
+
 def test_a_goal_that_is_left_can_be_cancelled(session: Session) -> None:
     with pytest.raises(TimeoutError):
         session.goal(0.9, 0.0, timeout_s=1.0)

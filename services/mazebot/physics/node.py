@@ -65,6 +65,7 @@ from mazebot.common.world.surfaces import Surface, surfaces
 from mazebot.physics.assets import Assets, meshes_of
 from mazebot.physics.battery import Battery
 from mazebot.physics.bodies.entities import change_text, establish
+from mazebot.physics.bodies.first_poses import since_reset
 from mazebot.physics.bodies.robot_model import ModelError, robot_model_from_urdf
 from mazebot.physics.bodies.world_limits import MAX_LENGTH_M
 from mazebot.physics.camera.camera import Intrinsics
@@ -161,6 +162,10 @@ class PhysicsNode(ClockNode):
         self._desired: dict[str, Entities] = {}
         self._next_world: World | None = None
         self._entities: Entities | None = None
+        self._at_reset: Entities | None = None
+        """The desired set at the newest reset in this world; None: there was no reset."""
+        self._reset_epoch = 0
+        """Epoch that began with it."""
         self._entity_markers = EntityMarkers()
         self._commander: str | None = None
         """The source of the last velocity command, while it is alive."""
@@ -378,7 +383,7 @@ class PhysicsNode(ClockNode):
         outbox.now_ns = 0
         _log.info("world '%s' reset: %s, seed %d", old.world.name, asked.reset, seed)
         if self._simulation is not None and self._simulation is not old:
-            self._place_entities(old.world, outbox)
+            self._put_back_entities(old.world, outbox)
             # Nothing else publishes the moving bodies' poses while time is stopped.
             frames = mover_frames(self._simulation.bodies, 0)
             if frames:
@@ -492,7 +497,9 @@ class PhysicsNode(ClockNode):
             refused = {refusal.name for refusal in self._entities.refused}
             refused -= {entity.name for entity in standing}
             again = [entity for entity in desired.entities if entity.name in refused]
-            desired = desired.model_copy(update={"entities": (*standing, *again)})
+            desired = self._entities.model_copy(
+                update={"revision": 0, "entities": (*standing, *again), "refused": desired.refused}
+            )
             self._hand_over(self._entities, outbox)
         self._desired.pop(desired.world_hash, None)
         self._desired[desired.world_hash] = desired
@@ -506,7 +513,7 @@ class PhysicsNode(ClockNode):
 
     def _hand_over(self, entities: Entities, outbox: Outbox) -> None:
         """Publish the existing entities' assets: those of a spawner are gone when it ends."""
-        for sha256 in assets_of(*entities.entities):
+        for sha256 in assets_of(*entities.entities, *entities.deleted):
             outbox.put(ASSETS, asset_message(sha256, self._assets.files[sha256]))
 
     def _take_in_newest_world(self, world: World, inbox: Inbox) -> None:
@@ -528,7 +535,7 @@ class PhysicsNode(ClockNode):
         desired = self._desired.get(world.hash)
         if desired is None:
             return f"the entities on {DESIRED_ENTITIES.name}"
-        missing = self._assets.missing(assets_of(*desired.entities))
+        missing = self._assets.missing(assets_of(*desired.entities, *desired.deleted))
         if missing:
             return f"assets of the entities on {ASSETS.name}: {_digests(missing)}"
         return None
@@ -536,7 +543,7 @@ class PhysicsNode(ClockNode):
     def _assets_in_use(self) -> set[str]:
         worlds = [self._next_world, self._simulation.world if self._simulation else None]
         sets = (*self._desired.values(), *filter(None, [self._entities]))
-        entities = (entity for one in sets for entity in one.entities)
+        entities = (entity for one in sets for entity in (*one.entities, *one.deleted))
         return set(assets_of(*filter(None, worlds), *entities))
 
     def _resume(self, kept: SimulationCheckpoint, simulation: Simulation, outbox: Outbox) -> None:
@@ -584,7 +591,7 @@ class PhysicsNode(ClockNode):
         self._simulation = simulation
         self._placement = placement
         self._surfaces = seen
-        self._entities = None
+        self._entities = self._at_reset = None
         self._epoch += 1
         self.world_hash = world.hash
         walls, things, start = len(world.walls), len(world.bodies), world.start
@@ -600,13 +607,52 @@ class PhysicsNode(ClockNode):
         outbox.put(TF_STATIC, msg.TFMessage(transforms=transforms))
         outbox.put(ROBOT_DESCRIPTION, msg.String(data=self._urdf))
 
-    def _place_entities(self, world: World, outbox: Outbox) -> None:
-        """Bring the entities to the desired set as far as possible; publish only a change."""
+    def _wanted(self, world: World) -> Entities | None:
+        """The desired set, put back by the newest reset if the spawner does not know of it yet."""
+        desired, at_reset = self._desired.get(world.hash), self._at_reset
+        if desired is None or at_reset is None or desired.reset_epoch >= self._reset_epoch:
+            return desired
+        put_back = since_reset(desired, at_reset)
+        return put_back.model_copy(update={"reset_epoch": self._reset_epoch})
+
+    def _put_back_entities(self, world: World, outbox: Outbox) -> None:
+        """Place the entities where they were first, in a simulation that has none yet. Where one
+        of them would be in another's way so, they stay where they were moved to.
+        """
         desired = self._desired.get(world.hash)
         if desired is None or self._placement is None or self._simulation is None:
             return
+        self._at_reset, self._reset_epoch = desired, self._epoch
+        to = self._assets.files, self._placement, self._simulation.bodies
+        first = self._wanted(world) or desired
+        standing = establish(first, None, *to)
+        if standing.refused:
+            as_moved = establish(desired, standing, *to)
+            if len(as_moved.entities) > len(standing.entities):
+                refusal = standing.refused[0]
+                _log.warning(
+                    "entities stay where they were moved to: entity '%s' at its first place: %s",
+                    refusal.name, refusal.reason,
+                )  # fmt: skip
+                self._at_reset = None
+                standing = as_moved
+            else:
+                standing = establish(first, as_moved, *to)
+        self._place_entities(world, outbox, standing)
+
+    def _place_entities(
+        self, world: World, outbox: Outbox, standing: Entities | None = None
+    ) -> None:
+        """Bring the entities, those that stand or those published last, to the desired set as far
+        as possible; publish only a change.
+        """
+        desired = self._wanted(world)
+        if desired is None or self._placement is None or self._simulation is None:
+            return
         before, files = self._entities, self._assets.files
-        entities = establish(desired, before, files, self._placement, self._simulation.bodies)
+        entities = establish(
+            desired, standing or before, files, self._placement, self._simulation.bodies
+        )
         if entities == before:
             return
         self._entities = entities

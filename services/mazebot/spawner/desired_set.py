@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import itertools
 from collections.abc import Container, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from mazebot.common.messages.documents import (
     BodyEntity,
@@ -18,10 +18,13 @@ from mazebot.common.messages.documents import (
     Entities,
     Entity,
     EntityReply,
+    FirstPose,
     Marker,
     MarkerEntity,
+    Quaternion,
     SetEntityState,
     SpawnEntity,
+    Vector,
     World,
 )
 from mazebot.common.world.assets import assets_of
@@ -91,7 +94,10 @@ class DesiredSet:
         self.refused = hung.refused
         """Markers of the world that cannot be placed."""
         self._fixed = {wall.name for wall in world.walls} | {body.name for body in world.bodies}
-        self._things = {one.name: _Thing(one, one, 0) for one in hung.entities}
+        self._hung = {one.name: _Thing(one, one, 0) for one in hung.entities}
+        self._things = dict(self._hung)
+        self.reset_epoch = 0
+        """Of the newest reset that has put the entities back."""
         self._changes: dict[str, _Change] = {}
         self._is_stale = False
 
@@ -102,11 +108,22 @@ class DesiredSet:
             revision=self.revision,
             entities=tuple(thing.entity for thing in self._things.values()),
             refused=self.refused,
+            initial=tuple(
+                FirstPose(
+                    name=thing.asked.name,
+                    position_m=thing.asked.position_m,
+                    orientation_xyzw=thing.asked.orientation_xyzw,
+                )
+                for thing in self._things.values()
+                if _pose_of(thing.asked) != _pose_of(thing.entity)
+            ),
+            deleted=self._deleted(),
+            reset_epoch=self.reset_epoch,
         )
 
     def files(self) -> dict[str, bytes]:
         """The assets of the desired entities, by sha256, as far as the spawner has them."""
-        wanted = assets_of(*self._entities())
+        wanted = assets_of(*self._entities(), *self._deleted())
         return {sha256: data for sha256, data in self._files.items() if sha256 in wanted}
 
     def take_files(self, files: Mapping[str, bytes]) -> None:
@@ -119,19 +136,25 @@ class DesiredSet:
                 self._is_stale = True
 
     def adopt(self, standing: Entities) -> None:
-        """Take over the entities that already exist, before any request is applied."""
+        """Take over the entities that exist: those of before this spawner's start, or those that a
+        reset has put back. No change may be waiting to be settled.
+        """
         stands = {one.name: one for one in standing.entities}
-        refused = {one.name for one in standing.refused}
-        kept = [name for name in self._things if name in stands or name in refused]
-        names = dict.fromkeys([*kept, *stands])
-        mine, published = self._things, tuple(self._entities())
+        refused = {one.name for one in standing.refused} & self._things.keys()
+        first = {one.name: one for one in standing.initial}
+        mine = {**self._hung, **self._things}
+        kept = [name for name in mine if name in stands or name in refused]
+        published = tuple(self._entities())
         self._things = {}
-        for name in names:
-            entity = stands.get(name) or mine[name].entity
+        for name in dict.fromkeys([*kept, *stands]):
             own = mine.get(name)
-            asked = own.asked if own is not None else entity
-            size = own.json_bytes if own is not None else len(entity.model_dump_json())
-            self._things[name] = _Thing(entity, asked, size)
+            if own is None:
+                asked = _moved(stands[name], first.get(name, stands[name]))
+                own = _Thing(stands[name], asked, len(stands[name].model_dump_json()))
+            self._things[name] = replace(own, entity=stands.get(name, own.entity))
+        if standing.reset_epoch != self.reset_epoch:
+            # The set that was published is that of before the reset.
+            self.reset_epoch, self._is_stale = standing.reset_epoch, True
         # A physics that begins anew gets the set that was published last.
         self._is_stale = self._is_stale or tuple(self._entities()) != published
 
@@ -227,25 +250,20 @@ class DesiredSet:
     def _move(
         self, message: SetEntityState, thing: _Thing | None, change: _Change | None
     ) -> EntityReply | Waits | Later:
-        pose = message.position_m, message.orientation_xyzw
-        is_there = thing is not None and pose == (
-            thing.entity.position_m,
-            thing.entity.orientation_xyzw,
-        )
+        is_there = thing is not None and _pose_of(message) == _pose_of(thing.entity)
         if change is not None:
             return Waits(message.name) if is_there else Later(message.name)
         assert thing is not None
         _refuse(pose_problems(message))
         entity = thing.entity
-        update: dict[str, object] = {"position_m": pose[0], "orientation_xyzw": pose[1]}
+        moved = _moved(entity, message)
         if isinstance(entity, BodyEntity):
             if is_there and entity.mass_kg == 0.0 and entity.path is None:
                 return reply_of(entity)
             # A moving body is no longer at the pose where it was placed.
-            update["placed"] = entity.placed + 1
+            moved = moved.model_copy(update={"placed": entity.placed + 1})
         elif is_there:
             return reply_of(entity)
-        moved = entity.model_copy(update=update)
         if isinstance(moved, MarkerEntity):
             self._check_place(moved)
         return self._change(message.name, _Thing(moved, thing.asked, thing.json_bytes))
@@ -303,6 +321,28 @@ class DesiredSet:
 
     def _entities(self) -> Iterator[Entity]:
         return (thing.entity for thing in self._things.values())
+
+    def _deleted(self) -> tuple[MarkerEntity, ...]:
+        """The world's own markers that are gone, and whose name and id nothing else has taken."""
+        ids = {one.marker_id for one in self._entities() if isinstance(one, MarkerEntity)}
+        return tuple(
+            thing.entity
+            for name, thing in self._hung.items()
+            if name not in self._things
+            and isinstance(thing.entity, MarkerEntity)
+            and thing.entity.marker_id not in ids
+        )
+
+
+def _pose_of(one: Entity | FirstPose | SetEntityState) -> tuple[Vector, Quaternion]:
+    return one.position_m, one.orientation_xyzw
+
+
+def _moved(entity: Entity, to: Entity | FirstPose | SetEntityState) -> Entity:
+    """The entity at the pose of another, or of a request."""
+    position_m, orientation_xyzw = _pose_of(to)
+    update = {"position_m": position_m, "orientation_xyzw": orientation_xyzw}
+    return entity.model_copy(update=update)
 
 
 def reply_of(entity: Entity) -> EntityReply:

@@ -152,12 +152,16 @@ class SpawnerNode(Node):
         if desired is None:
             return
         is_answer = not self._is_settled and standing.revision == desired.revision
-        if is_answer and desired.revision == 0:
-            desired.adopt(standing)
         self._standing = standing
         self._follow(inbox)
-        if not is_answer:
-            return
+        if is_answer:
+            self._settle(desired, standing)
+        is_reset = standing.reset_epoch > desired.reset_epoch
+        if self._is_settled and (is_reset or (is_answer and desired.revision == 0)):
+            desired.adopt(standing)
+
+    def _settle(self, desired: DesiredSet, standing: Entities) -> None:
+        """Reply to the requests of the set that the physics has answered."""
         self._is_settled = True
         replies = desired.settle(standing)
         for name in replies:

@@ -91,11 +91,8 @@ def establish(
             if name in now:
                 stands.setdefault(name, now[name])
     bodies.arrange(stands)
-    return Entities(
-        world_hash=desired.world_hash,
-        revision=desired.revision,
-        entities=tuple(stands.values()),
-        refused=tuple(refused),
+    return desired.model_copy(
+        update={"entities": tuple(stands.values()), "refused": tuple(refused)}
     )
 
 

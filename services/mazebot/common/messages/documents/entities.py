@@ -100,6 +100,14 @@ class Refusal(Document):
     reason: str
 
 
+class FirstPose(Document):
+    """Where an entity was first, which has been moved since."""
+
+    name: str
+    position_m: Vector
+    orientation_xyzw: Quaternion
+
+
 class Entities(Document):
     """A set of entities of one world: the desired set, or the set that exists."""
 
@@ -112,6 +120,17 @@ class Entities(Document):
     )
     entities: tuple[Entity, ...] = ()
     refused: tuple[Refusal, ...] = ()
+    initial: tuple[FirstPose, ...] = Field(
+        (), description="first poses of the entities that have been moved: a reset puts them back"
+    )
+    deleted: tuple[MarkerEntity, ...] = Field(
+        (), description="the world's own markers that have been deleted: a reset hangs them again"
+    )
+    reset_epoch: Annotated[int, Field(ge=0)] = Field(
+        0,
+        description="epoch of the newest reset that has put them back; in a desired set, of the "
+        "newest that the spawner knows of",
+    )
 
     @property
     def markers(self) -> tuple[MarkerEntity, ...]:
