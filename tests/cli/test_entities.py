@@ -181,6 +181,16 @@ def test_a_taken_name_is_refused_or_changed(stage: Stage) -> None:
         ("spawn crate --box 1 1 1 --at 1 2 --yaw 1 --rpy 0 0 0", "--yaw: must not be given with"),
         ("spawn crate --box 1 1 1 --at 1 2 --yaw inf", "--yaw: inf: must be a finite number"),
         ("spawn crate --box 1 1 1 --at 1 2 --wall wall", "--wall: only for markers"),
+        *(
+            (f"spawn crate --box 1 1 1 --at 1 2 {option}", f"{option.split()[0]}: must be given")
+            for option in (
+                *("--scale 3", "--size 2", "--dictionary foo", "--side right", "--offset 0"),
+                *("--height .5", "--speed .3", "--loop", "--yield", "--models worlds"),
+            )
+        ),
+        ("spawn m --marker 8 --at 1 2 1 --yaw 0 --height 1", "--height: must be given only with"),
+        ("move aruco_7 --at 1 2 --side left", "--side: must be given only with --wall"),
+        ("move aruco_7 --at 1 2 --wall wall", "--wall: wall: must not be given with a pose"),
         ("spawn crate --box 1 1 1 --at 1 2 --mass -1", "mass_kg: must be greater than or"),
         ("spawn crate --box 1 1 1 --at 1 2 --colour 1 2 3", "--colour: '1 2 3': must be 0 to 1"),
         (

@@ -46,9 +46,25 @@ Rpy = Annotated[
     str | None, typer.Option(metavar="R P Y", help="roll, pitch and yaw, rad, instead of --yaw")
 ]
 Wall = Annotated[str | None, typer.Option(help="wall on which to place the marker")]
-Side = Annotated[str, typer.Option(help="left (towards the wall's +y axis) or right")]
-Offset = Annotated[float, typer.Option(help="along the wall's x axis, from its centre, m")]
-Height = Annotated[float, typer.Option(help="of the marker's centre above the floor, m")]
+Side = Annotated[
+    str | None,
+    typer.Option(help="left (towards the wall's +y axis) or right [default: left]"),
+]
+Offset = Annotated[
+    float | None,
+    typer.Option(help="along the wall's x axis, from its centre, m [default: 0.0]"),
+]
+Height = Annotated[
+    float | None,
+    typer.Option(help="of the marker's centre above the floor, m [default: 0.4]"),
+]
+
+_NEEDS = {
+    "--scale": "--mesh", "--models": "--model", "--size": "--marker", "--dictionary": "--marker",
+    "--side": "--wall", "--offset": "--wall", "--height": "--wall",
+    "--speed": "--path", "--loop": "--path", "--yield": "--path",
+}  # fmt: skip
+"""Options that say something only beside another one."""
 
 
 def spawn(
@@ -59,7 +75,9 @@ def spawn(
     ] = None,
     sphere: Annotated[str | None, typer.Option(metavar="R", help="radius, m")] = None,
     mesh: Annotated[Path | None, typer.Option(help=".dae, .obj, .stl, .glb or .gltf")] = None,
-    scale: Annotated[str, typer.Option(metavar="S | X Y Z", help="of the mesh")] = "1",
+    scale: Annotated[
+        str | None, typer.Option(metavar="S | X Y Z", help="of the mesh [default: 1]")
+    ] = None,
     model: Annotated[
         str | None,
         typer.Option(help="folder of a model, its name, or an SDF, URDF or xacro file"),
@@ -69,15 +87,19 @@ def spawn(
         typer.Option(help="folder of models, as in GZ_SIM_RESOURCE_PATH; repeatable"),
     ] = None,
     marker: Annotated[int | None, typer.Option(min=0, help="id of an ArUco marker")] = None,
-    size_m: Annotated[float, typer.Option("--size", help="side of its black square, m")] = 0.3,
-    dictionary: Annotated[str, typer.Option(help="OpenCV's dictionary name")] = "DICT_4X4_100",
+    size_m: Annotated[
+        float | None, typer.Option("--size", help="side of its black square, m [default: 0.3]")
+    ] = None,
+    dictionary: Annotated[
+        str | None, typer.Option(help="OpenCV's dictionary name [default: DICT_4X4_100]")
+    ] = None,
     at: At = None,
     yaw: Yaw = None,
     rpy: Rpy = None,
     wall: Wall = None,
-    side: Side = "left",
-    offset: Offset = 0.0,
-    height: Height = 0.4,
+    side: Side = None,
+    offset: Offset = None,
+    height: Height = None,
     mass: Annotated[
         float | None, typer.Option(help="kg; 0: static [default: 0, or the model's]")
     ] = None,
@@ -87,13 +109,18 @@ def spawn(
         str | None,
         typer.Option(metavar="X Y X Y ...", help="waypoints of a path to follow repeatedly"),
     ] = None,
-    speed: Annotated[float, typer.Option(help="speed on the path, m/s")] = 0.5,
+    speed: Annotated[
+        float | None, typer.Option(help="speed on the path, m/s [default: 0.5]")
+    ] = None,
     loop: Annotated[
-        bool, typer.Option("--loop", help="close the path, instead of going back along it")
-    ] = False,
+        bool | None, typer.Option("--loop", help="close the path, instead of going back along it")
+    ] = None,
     yields: Annotated[
-        bool, typer.Option("--yield/--no-yield", help="stop while the robot blocks the path")
-    ] = True,
+        bool | None,
+        typer.Option(
+            "--yield/--no-yield", help="stop while the robot blocks the path [default: yield]"
+        ),
+    ] = None,
     allow_renaming: Annotated[
         bool, typer.Option("--allow-renaming", help="if the name is in use, use a similar one")
     ] = False,
@@ -107,10 +134,18 @@ def spawn(
     kinds = {"--box": box, "--cylinder": cylinder, "--sphere": sphere, "--mesh": mesh,
              "--model": model, "--marker": marker}  # fmt: skip
     _check_one(kinds)
+    _check_needs(
+        {**kinds, "--scale": scale, "--models": models, "--size": size_m, "--path": path,
+         "--dictionary": dictionary, "--wall": wall, "--side": side, "--offset": offset,
+         "--height": height, "--speed": speed, "--loop": loop, "--yield": yields}
+    )  # fmt: skip
     made: Model | None = None
-    on_panel = _MarkerAsked(marker, size_m, dictionary, 1) if marker is not None else None
+    on_panel = None
+    if marker is not None:
+        size_m = 0.3 if size_m is None else size_m
+        on_panel = _MarkerAsked(marker, size_m, dictionary or "DICT_4X4_100", 1)
     if mesh is not None or model is not None:
-        made = _from_files(mesh, scale, model, models)
+        made = _from_files(mesh, scale or "1", model, models)
         if made.marker:
             on_panel = _marker_of_model(made.marker)
     pose = _Pose.of(at, yaw, rpy)
@@ -119,7 +154,7 @@ def spawn(
         for option, value in looks.items():
             if value is not None:
                 raise ConfigError(f"{option}: must not be given for a marker")
-        place = _WallPlace(wall, side, offset, height)
+        place = _WallPlace.of(wall, side, offset, height)
         on_panel.marker(pose, place)
         with ZenohRobot(connect) as robot:
             panel, assets = on_panel.entity(name, pose, place, robot, timeout_s)
@@ -129,7 +164,10 @@ def spawn(
     if wall is not None:
         raise ConfigError("--wall: only for markers: must be --at")
     made = _painted(made or _primitive(box, cylinder, sphere), colour, texture)
-    route = None if path is None else _route(path, speed, loop, yields)
+    route = None
+    if path is not None:
+        speed = 0.5 if speed is None else speed
+        route = _route(path, speed, bool(loop), yields is not False)
     if mass is not None or route is not None:
         made = replace(made, mass_kg=mass or 0.0)
     entity = _body(name, made, pose, route)
@@ -146,15 +184,22 @@ def _check_one(kinds: Mapping[str, object]) -> None:
         raise ConfigError(f"spawn: {' and '.join(given)}: must be given one of them only")
 
 
+def _check_needs(values: Mapping[str, object]) -> None:
+    """Raise ConfigError for an option that is given without the one that it belongs to."""
+    for option, needed in _NEEDS.items():
+        if values.get(option) is not None and values.get(needed) is None:
+            raise ConfigError(f"{option}: must be given only with {needed}")
+
+
 def move(
     name: str,
     at: At = None,
     yaw: Yaw = None,
     rpy: Rpy = None,
     wall: Wall = None,
-    side: Side = "left",
-    offset: Offset = 0.0,
-    height: Height = 0.4,
+    side: Side = None,
+    offset: Offset = None,
+    height: Height = None,
     timeout_s: Timeout = 10.0,
     as_json: Json = False,
     connect: Connect = ROUTER,
@@ -165,6 +210,9 @@ def move(
     from mazebot.common.messages.topics import GET_ENTITIES, SET_ENTITY_STATE  # noqa: PLC0415
 
     pose = _Pose.of(at, yaw, rpy)
+    _check_needs({"--wall": wall, "--side": side, "--offset": offset, "--height": height})
+    if wall is not None and pose != _Pose():
+        raise ConfigError(f"--wall: {wall}: must not be given with a pose")
     if pose == _Pose() and wall is None:
         raise ConfigError("move: must be given --at, --yaw, --rpy or --wall")
     with ZenohRobot(connect) as robot:
@@ -175,7 +223,7 @@ def move(
         if wall is not None:
             if not isinstance(entity, doc.MarkerEntity):
                 raise ConfigError("--wall: only for markers: must be --at")
-            place = _WallPlace(wall, side, offset, height)
+            place = _WallPlace.of(wall, side, offset, height)
             matrix = place.map_from_panel(running_world(robot, timeout_s), entity.marker_size_m)
         else:
             matrix = pose.map_from_thing(entity)
@@ -300,6 +348,18 @@ class _WallPlace:
     side: str
     offset_m: float
     height_m: float
+
+    @classmethod
+    def of(
+        cls, wall: str | None, side: str | None, offset_m: float | None, height_m: float | None
+    ) -> _WallPlace:
+        """As given by the user; None: not given."""
+        return cls(
+            wall,
+            "left" if side is None else side,
+            0.0 if offset_m is None else offset_m,
+            0.4 if height_m is None else height_m,
+        )
 
     def marker(self, id_: int, size_m: float, dictionary: str, quiet_zone: int) -> doc.Marker:
         """The marker there. Raises ConfigError."""
