@@ -214,14 +214,15 @@ class Session(Robot):
         return self._executive.turn()
 
     def reset(
-        self, seed: int | None = None, scope: Literal["all", "time"] = "all"
+        self, seed: int | None = None, scope: Literal["all", "fresh", "time"] = "all"
     ) -> SimulationStats:
-        """Reset to time 0: `all` resets everything to its initial state, `time` only the clock.
+        """Reset to time 0: `all` resets everything to its initial state, what was spawned to its
+        first pose; with `fresh` what was spawned is gone; `time` resets only the clock.
 
-        A seed needs `all`; without one the random streams restart with their current seed.
+        A seed is not for `time`; without one the random streams restart with their current seed.
         """
         stats = self._control(reset=scope, seed=seed)
-        if scope == "all":
+        if scope != "time":
             for name, topic in BY_NAME.items():
                 if topic.delivery is not Delivery.LATCHED:
                     self._transport.latest.pop(name, None)

@@ -164,6 +164,8 @@ class PhysicsNode(ClockNode):
         self._entities: Entities | None = None
         self._at_reset: Entities | None = None
         """The desired set at the newest reset in this world; None: there was no reset."""
+        self._kept_at_reset: frozenset[str] | None = None
+        """Names of the entities that it has not removed; None: all."""
         self._reset_epoch = 0
         """Epoch that began with it."""
         self._entity_markers = EntityMarkers()
@@ -360,7 +362,7 @@ class PhysicsNode(ClockNode):
             outbox.put(CLOCK, msg.Clock(clock=msg.time_from_ns(0)))
 
     def _reset(self, asked: SimulationControl, inbox: Inbox, outbox: Outbox) -> str:
-        """Reset everything or only the clock to time 0; returns an error in one line, or empty."""
+        """Reset all, or only the clock, to time 0; returns an error in one line, or empty."""
         old = self._simulation
         if old is None:
             return f"reset: {asked.reset}: no world loaded yet"
@@ -383,7 +385,8 @@ class PhysicsNode(ClockNode):
         outbox.now_ns = 0
         _log.info("world '%s' reset: %s, seed %d", old.world.name, asked.reset, seed)
         if self._simulation is not None and self._simulation is not old:
-            self._put_back_entities(old.world, outbox)
+            own = frozenset(marker.name for marker in old.world.markers)
+            self._put_back_entities(old.world, own if asked.reset == "fresh" else None, outbox)
             # Nothing else publishes the moving bodies' poses while time is stopped.
             frames = mover_frames(self._simulation.bodies, 0)
             if frames:
@@ -612,21 +615,23 @@ class PhysicsNode(ClockNode):
         desired, at_reset = self._desired.get(world.hash), self._at_reset
         if desired is None or at_reset is None or desired.reset_epoch >= self._reset_epoch:
             return desired
-        put_back = since_reset(desired, at_reset)
+        put_back = since_reset(desired, at_reset, self._kept_at_reset)
         return put_back.model_copy(update={"reset_epoch": self._reset_epoch})
 
-    def _put_back_entities(self, world: World, outbox: Outbox) -> None:
-        """Place the entities where they were first, in a simulation that has none yet. Where one
-        of them would be in another's way so, they stay where they were moved to.
+    def _put_back_entities(self, world: World, kept: frozenset[str] | None, outbox: Outbox) -> None:
+        """Place the entities, or only those `kept`, where they were first, in a simulation that has
+        none yet. Where one of them would be in another's way so, they stay where they were moved
+        to.
         """
         desired = self._desired.get(world.hash)
         if desired is None or self._placement is None or self._simulation is None:
             return
-        self._at_reset, self._reset_epoch = desired, self._epoch
+        self._at_reset, self._kept_at_reset = desired, kept
+        self._reset_epoch = self._epoch
         to = self._assets.files, self._placement, self._simulation.bodies
         first = self._wanted(world) or desired
         standing = establish(first, None, *to)
-        if standing.refused:
+        if standing.refused and kept is None:
             as_moved = establish(desired, standing, *to)
             if len(as_moved.entities) > len(standing.entities):
                 refusal = standing.refused[0]

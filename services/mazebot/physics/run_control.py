@@ -38,7 +38,7 @@ class RunControl:
 
     def problem(self, asked: SimulationControl, steps_done: int) -> str:
         """Why a request is refused, in one line; empty if it is not."""
-        if asked.seed is not None and asked.reset != "all":
+        if asked.seed is not None and asked.reset in (None, "time"):
             return f"seed: {asked.seed}: requires reset: all, which restarts the random streams"
         if asked.step is not None and asked.run_until_s is not None:
             return f"step: {asked.step}: must not be combined with run_until_s"

@@ -267,9 +267,11 @@ def test_an_entity_has_a_state_that_can_be_set() -> None:
     values = {"entity": "crate_1", "state": state}
     assert answer("/set_entity_state", values, spawner).result.result == sim.OK
     assert spawner.asked[-1].position_m == (3.0, 0.0, 0.0)
-    moving = {"entity": "crate_1", "state": {**state, "twist": {"linear": {"x": 1.0}}}}
-    response = answer("/set_entity_state", moving, spawner)
-    assert response.result.result == sim.FEATURE_UNSUPPORTED
+    for part in ("twist", "acceleration"):
+        moving = {"entity": "crate_1", "state": {**state, part: {"linear": {"x": 1.0}}}}
+        response = answer("/set_entity_state", moving, spawner)
+        assert response.result.result == sim.FEATURE_UNSUPPORTED
+        assert response.result.error_message.startswith(f"state.{part}: must be zero")
     for name in ("/get_entity_state", "/set_entity_state", "/delete_entity"):
         assert answer(name, {"entity": "none"}, spawner).result.result == sim.NOT_FOUND
     response = answer("/delete_entity", {"entity": "crate_1"}, Spawner("it is bolted down"))
@@ -298,6 +300,21 @@ def test_since_2_the_flags_say_what_of_a_state_is_set(
     assert response.result.error_message.startswith(told)
     moved = [one for one in spawner.asked if isinstance(one, doc.SetEntityState)]
     assert [one.position_m for one in moved] == [(3.0, 0.0, 0.0)] * (result == sim.OK)
+
+
+@pytest.mark.parametrize(
+    ("scope", "reset"), [(0, "fresh"), (255, "fresh"), (3, "all"), (1, "time"), (2, ""), (4, "")]
+)
+def test_a_reset_has_a_scope(scope: int, reset: str) -> None:
+    asked: list[Any] = []
+
+    def reply(query: Query[Any, Any], document: Any) -> doc.SimulationControlReply:
+        asked.append(document.reset)
+        return doc.SimulationControlReply()
+
+    response = answer("/reset_simulation", {"scope": scope}, reply)
+    assert response.result.result == (sim.OK if reset else sim.FEATURE_UNSUPPORTED)
+    assert asked == ([reset] if reset else [])
 
 
 def test_a_service_has_one_node_and_one_name() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 from mazebot.common.messages.documents import (
     BodyEntity,
@@ -33,8 +33,8 @@ def take(stage: Stage, **values: Any) -> Entities:
     return stage.last(ENTITIES)
 
 
-def reset(stage: Stage) -> Entities:
-    stage.inbox.ask(SIMULATION_CONTROL, SimulationControl(reset="all"), lambda _: None)
+def reset(stage: Stage, scope: Literal["all", "fresh"] = "all") -> Entities:
+    stage.inbox.ask(SIMULATION_CONTROL, SimulationControl(reset=scope), lambda _: None)
     stage.turn()
     return stage.last(ENTITIES)
 
@@ -81,3 +81,12 @@ def test_what_stands_at_the_robots_start_keeps_nothing_from_its_first_place(stag
     told = reset(stage)
     assert places(told) == {"box": 1.0}
     assert [one.name for one in told.refused] == ["start"]
+
+
+def test_a_fresh_reset_removes_what_was_spawned(stage: Stage) -> None:
+    box, first = moved("box", 1.0, 2.0)
+    take(stage, entities=(box,), initial=(first,))
+    assert places(reset(stage, "fresh")) == {}
+    # A spawner that does not know of the reset yet asks for something else.
+    told = take(stage, entities=(box, crate("new", 4.0)), initial=(first,))
+    assert places(told) == {"new": 4.0}

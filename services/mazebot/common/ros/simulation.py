@@ -45,7 +45,7 @@ NAMESPACE_UNSUPPORTED, PARSE_ERROR, INVALID_POSE = 105, 106, 109
 ALREADY_IN_TARGET_STATE = 101
 _STATES = {0: "STOPPED", 1: "PLAYING", 2: "PAUSED", 3: "QUITTING"}
 _PLAYING, _PAUSED, _NO_WORLD = 1, 2, 4
-_RESETS = {0: "all", 3: "all", 255: "all", 1: "time"}
+_RESETS = {0: "fresh", 7: "fresh", 255: "fresh", 3: "all", 1: "time"}
 """By the bits of the scope: 1 time, 2 state, 4 what was spawned; 0 is 255, all."""
 _FEATURES: Final = {
     "SPAWNING": 0, "DELETING": 1, "NAMED_POSES": 2, "ENTITY_TAGS": 4, "ENTITY_BOUNDS": 5,
@@ -118,8 +118,8 @@ def _reset(request: Any, _: Node) -> Steps:
     if scope is None:
         return result(
             FEATURE_UNSUPPORTED,
-            f"scope: {request.scope}: must be SCOPE_ALL, SCOPE_TIME or both time and state: what "
-            "was spawned is kept",
+            f"scope: {request.scope}: must be SCOPE_ALL, SCOPE_TIME, or 3, time and state: then "
+            "what was spawned is where it was spawned",
         )
     control = doc.SimulationControl.model_validate({"reset": scope})
     reply = yield SIMULATION_CONTROL, control
@@ -289,9 +289,13 @@ def _set_entity_state(request: Any, _: Node) -> Steps:
             return result(FEATURE_UNSUPPORTED, f"{flag}: must be false: only the pose can be set")
     if not getattr(request, "set_pose", True):
         return result(OPERATION_FAILED, "set_pose: must be true: nothing else can be set")
-    parts = () if hasattr(request, "set_twist") else (state.twist.linear, state.twist.angular)
-    if any((part.x, part.y, part.z) != (0.0, 0.0, 0.0) for part in parts):
-        return result(FEATURE_UNSUPPORTED, "state.twist: must be zero: only the pose can be set")
+    parts = () if hasattr(request, "set_twist") else ("twist", "acceleration")
+    for part in parts:
+        both = getattr(state, part)
+        if any((one.x, one.y, one.z) != (0.0, 0.0, 0.0) for one in (both.linear, both.angular)):
+            return result(
+                FEATURE_UNSUPPORTED, f"state.{part}: must be zero: only the pose can be set"
+            )
     if request.entity not in (yield from _names()):
         return _missing(request.entity)
     wanted = doc.SetEntityState(name=request.entity, **_placed(state.pose))
@@ -365,7 +369,7 @@ SIMULATION_SERVICES: Final = (
     ),
     _service(
         "/reset_simulation", "ResetSimulation", "physics", _reset,
-        "back to time 0, with everything or only the clock; what was spawned is kept",
+        "back to time 0: with everything, without what was spawned, or only the clock",
     ),
     _service(
         "/step_simulation", "StepSimulation", "physics", _step,

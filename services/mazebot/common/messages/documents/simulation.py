@@ -58,13 +58,14 @@ class SimulationControl(Document):
     run_until_s: Annotated[float, Field(ge=0.0, le=1e9, allow_inf_nan=False)] | None = Field(
         None, description="advance to this simulation time"
     )
-    reset: Literal["all", "time"] | None = Field(
+    reset: Literal["all", "fresh", "time"] | None = Field(
         None,
-        description="`all`: everything returns to its initial state, at time 0; `time`: only the "
-        "clock restarts",
+        description="`all`: everything returns to its initial state, at time 0, and what was "
+        "spawned to its first pose; `fresh`: the same, and what was spawned is gone; `time`: only "
+        "the clock restarts",
     )
     seed: Natural | None = Field(
-        None, description="new seed of the random streams; needs `reset: all`"
+        None, description="new seed of the random streams; needs `reset: all` or `fresh`"
     )
     speed: Speed | None = Field(
         None, description="simulated seconds a second; 0: as fast as possible"
