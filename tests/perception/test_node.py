@@ -40,6 +40,7 @@ from mazebot.common.messages.topics import (
     MAP_DETECTIONS,
     PHOTO,
     PHOTO_REQUEST,
+    SIMULATION_STATS,
     TF,
     TF_STATIC,
     WORLD,
@@ -48,6 +49,7 @@ from mazebot.common.messages.topics import (
 from mazebot.common.node.node import Envelope, Inbox, Outbox, Trigger
 from mazebot.perception.config import PerceptionConfig
 from mazebot.perception.node import PerceptionNode
+from tests.common.samples import SAMPLES
 from tests.perception.scene import (
     CAMERA,
     HEIGHT,
@@ -483,6 +485,11 @@ def test_it_says_what_it_waits_for() -> None:
     starting.hear(ENTITIES, Entities(world_hash="first"))
     starting.step()
     assert starting.node.waiting_for() == "an image"
+    for renderer, waits_for in (("none", None), ("cpu", "an image")):
+        stats = SAMPLES[SIMULATION_STATS].model_copy(update={"renderer": renderer})
+        starting.hear(SIMULATION_STATS, stats)
+        starting.step()
+        assert starting.node.waiting_for() == waits_for
     starting.look(image(0, NOTHING))
     assert starting.node.waiting_for() is None
 

@@ -35,6 +35,7 @@ from mazebot.common.messages.topics import (
     MAP_DETECTIONS,
     PHOTO,
     PHOTO_REQUEST,
+    SIMULATION_STATS,
     TF,
     TF_STATIC,
     WORLD,
@@ -105,6 +106,8 @@ class PerceptionNode(Node):
         self._photo_wanted_ns: int | None = None
         """A picture of this time or later is to be published."""
         self._published = False
+        self._has_camera = True
+        """False: the simulator renders no images."""
         self._static_frames = FrameTree()
         self._odom_from_base = PoseHistory(_ODOMETRY_KEPT)
         self._odometry: deque[tuple[int, msg.Transform]] = deque(maxlen=_ODOMETRY_KEPT)
@@ -129,6 +132,9 @@ class PerceptionNode(Node):
         self._now_ns = now_ns
         self._take_world(inbox)
         self._take_transforms(inbox)
+        stats = inbox.latest(SIMULATION_STATS)
+        if stats is not None:
+            self._has_camera = stats.renderer != "none"
         for info in inbox.new(CAMERA_INFO):
             self._take_info(info, inbox)
         for request in inbox.new(PHOTO_REQUEST):
@@ -149,8 +155,11 @@ class PerceptionNode(Node):
         self._take_depth(inbox, outbox)
 
     def facts(self) -> dict[str, str]:
-        """How often each marker was ignored that is not of the world, or not in its place."""
-        return {key: str(count) for key, count in sorted(self._ignored.items())}
+        """That there is no camera, and how often each marker was ignored that is not of the world
+        or not in its place.
+        """
+        ignored = {key: str(count) for key, count in sorted(self._ignored.items())}
+        return ignored if self._has_camera else {"camera": "none", **ignored}
 
     def waiting_for(self) -> str | None:
         """The first missing input for detections."""
@@ -158,7 +167,7 @@ class PerceptionNode(Node):
             return "the world"
         if self._entities is None or self._entities.world_hash != self.world_hash:
             return "the entities of the world"
-        if self._published:
+        if self._published or not self._has_camera:
             return None
         return "an image" if self._image is None else "the camera's intrinsics"
 

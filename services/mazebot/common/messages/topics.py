@@ -225,7 +225,7 @@ CONTACTS = Topic(
 )  # fmt: skip
 SIMULATION_STATS = Topic(
     "/simulation/stats", doc.SimulationStats, ("physics",),
-    ("localization", "mapping", "navigation", "explorer", "recorder"), _LATCHED,
+    ("perception", "localization", "mapping", "navigation", "explorer", "recorder"), _LATCHED,
     "time, steps, pause, epoch, hashes", rate_hz=5, returned=True,
 )  # fmt: skip
 SIMULATION_CHECKPOINT = Topic(
