@@ -23,7 +23,7 @@ from mazebot.common.bus.attachment import pack_attachment, unpack_attachment
 from mazebot.common.bus.bus import Bus
 from mazebot.common.bus.config import BusConfig
 from mazebot.common.bus.linger import stop_lingering
-from mazebot.common.bus.liveliness import alive_key
+from mazebot.common.bus.liveliness import alive, alive_key
 from mazebot.common.bus.publisher import publish
 from mazebot.common.bus.session import open_session
 from mazebot.common.bus.subscriber import subscribe
@@ -31,6 +31,7 @@ from mazebot.common.config import ServiceConfig
 from mazebot.common.messages import documents as doc
 from mazebot.common.messages.keys import DEFAULT_KEYS
 from mazebot.common.messages.topics import (
+    GOAL_POSE,
     NAVIGATION_RESULT,
     PARAMETERS,
     ROSOUT,
@@ -40,6 +41,7 @@ from mazebot.common.messages.topics import (
 )
 from mazebot.common.messages.wire import encode
 from mazebot.common.node.node import Envelope, Inbox, Node, Outbox
+from tests.common.samples import SAMPLES
 
 DEADLINE_S = 30.0
 SOURCE = "ab" * 16
@@ -301,6 +303,36 @@ def test_a_bus_goes_on_with_another_session(opened: Callable[[], zenoh.Session])
     del request
     for one in (bus, hearing, latecomer):
         one.close()
+
+
+def test_what_a_node_has_taken_is_not_given_it_again_by_a_new_session(
+    opened: Callable[[], zenoh.Session],
+) -> None:
+    """What was lost between the two sessions is, and a publisher that is started again is new."""
+    sender, reader = opened(), Recorder()
+    publisher = publish(sender, GOAL_POSE)
+    goal = encode(GOAL_POSE, SAMPLES[GOAL_POSE])
+
+    def say(number: int, source: str = SOURCE) -> None:
+        envelope = Envelope(source, number, 0, "")
+        publisher.put(goal, attachment=pack_attachment(GOAL_POSE, envelope))
+
+    inbox, session = Inbox(reader), opened()
+    bus, counts = Bus(session, reader, inbox), inbox.counts[GOAL_POSE.name]
+    alive(session, timeout_s=20.0)
+    for number in range(3):
+        say(number)
+    wait_until(lambda: counts.received == 3, "the first three")
+    session.close()  # type: ignore[no-untyped-call]
+    say(3)
+    bus.move_to(opened())
+    # It is asked for with all that is cached, and comes last.
+    wait_until(lambda: counts.last_sequence[SOURCE] == 3, "what was lost")
+    say(0, "cd" * 16)
+    wait_until(lambda: len(counts.last_sequence) == 2, "another source")
+    heard = [(said.source, said.sequence) for _, said in inbox.arrivals(GOAL_POSE)]
+    assert heard == [*((SOURCE, number) for number in range(4)), ("cd" * 16, 0)]
+    bus.close()
 
 
 def test_a_service_that_nobody_hears_opens_its_session_anew(

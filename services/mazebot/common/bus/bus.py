@@ -23,6 +23,7 @@ from mazebot.common.bus.liveliness import (
     watch_sources,
 )
 from mazebot.common.bus.publisher import publish
+from mazebot.common.bus.repeats import Repeats
 from mazebot.common.bus.ros.action_server import ActionServer
 from mazebot.common.bus.ros.service_server import ServiceServer
 from mazebot.common.bus.session import BusUnavailableError, now_of
@@ -45,9 +46,6 @@ from mazebot.common.ros.actions import actions_of
 from mazebot.common.ros.table import services_of
 
 M = TypeVar("M")
-
-_MAX_SEQUENCES = 4096
-"""Publishers of latched topics that are remembered, the most recent ones."""
 
 
 class Bus:
@@ -85,7 +83,7 @@ class Bus:
             if topic.delivery is Delivery.LATCHED
         }
         self._outbox: Outbox | None = None
-        self._last_sequence: dict[tuple[str, str], int] = {}
+        self._repeats = Repeats()
         self._node = node
         self._opened_at = now_of(session)
         # On the plain wire they have the keys of queries.
@@ -265,26 +263,11 @@ class Bus:
         self, topic: Topic[M], session: zenoh.Session
     ) -> Callable[[bytes, Envelope], None]:
         def receive(payload: bytes, envelope: Envelope) -> None:
-            if session is not self._session or self._is_repeated(topic, envelope):
+            if session is not self._session or self._repeats.is_repeated(topic, envelope):
                 return
             self._inbox.deliver(topic, payload, envelope)
 
         return receive
-
-    def _is_repeated(self, topic: Topic[M], envelope: Envelope) -> bool:
-        """Whether a latched message is a duplicate: it is sent again when its publisher or a reader
-        opens a new session.
-        """
-        if topic.delivery is not Delivery.LATCHED or not envelope.source:
-            return False
-        key = topic.name, envelope.source
-        repeated = envelope.sequence <= self._last_sequence.get(key, -1)
-        if not repeated:
-            self._last_sequence.pop(key, None)
-            self._last_sequence[key] = envelope.sequence
-            while len(self._last_sequence) > _MAX_SEQUENCES:
-                del self._last_sequence[next(iter(self._last_sequence))]
-        return repeated
 
     def _rejecter(self, topic: Topic[M]) -> Callable[[str], None]:
         return lambda reason: self._inbox.reject(topic, reason)
