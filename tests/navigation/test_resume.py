@@ -10,6 +10,8 @@ from mazebot.common.config import value_of
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages import action_documents as act
 from mazebot.common.messages.documents import (
+    CancelGoal,
+    CancelGoalReply,
     Planar,
     SetParameters,
     SetParametersReply,
@@ -18,6 +20,7 @@ from mazebot.common.messages.documents import (
 from mazebot.common.messages.error_codes import ErrorCode
 from mazebot.common.messages.topics import (
     ACTION_RESULT,
+    CANCEL_GOAL,
     CMD_VEL,
     LOCALIZATION_CHECKPOINT,
     LOCALIZATION_STATUS,
@@ -154,6 +157,48 @@ def test_a_motion_that_cannot_go_on_ends_with_the_reason() -> None:
     assert (result.goal_id, result.status) == ("mine", "aborted")
     assert result.error_code == ErrorCode.NAVIGATION_RESTARTED
     assert "restarted" in result.error_msg
+    # Its action server learns of it before it has ended.
+    first, last = driver.of(NAVIGATION_CHECKPOINT)
+    assert (first.goal_id, first.resumed, last.goal) == ("mine", 0, None)
+
+
+@pytest.mark.parametrize("meant", [{"goal_id": "mine"}, {"action": "navigate_to_pose"}, {}])
+def test_a_goal_is_cancelled_before_it_goes_on(meant: dict[str, Any]) -> None:
+    driver = again(on_the_way(act.NavigateToPose(pose=Planar.of(GOAL))))
+    driver.inbox.is_handed_over = False
+    replies: list[CancelGoalReply] = []
+    for asked in (CancelGoal(action="spin"), CancelGoal(**meant)):
+        driver.inbox.ask(CANCEL_GOAL, asked, replies.append)
+    driver.step()
+    # Others may have kept it.
+    assert not replies
+    driver.inbox.hand_over()
+    driver.run(2.0)
+    assert [reply.return_code for reply in replies] == [2, 0]
+    assert replies[1].goal_id == "mine"
+    (result,) = driver.of(ACTION_RESULT)
+    assert (result.goal_id, result.status, result.error_code) == ("mine", "canceled", 9012)
+    assert driver.of(NAVIGATION_STATUS)[-1].goal is None
+    assert driver.of(NAVIGATION_CHECKPOINT)[-1].goal is None
+
+
+def test_what_waits_to_go_on_ends_with_its_run() -> None:
+    driver = again(on_the_way(act.NavigateToPose(pose=Planar.of(GOAL))))
+    driver.step()
+    now_s = driver.now_ns * 1e-9
+    driver.deliver(SIMULATION_STATS, STATS.model_copy(update={"epoch": 9, "sim_time_s": now_s}))
+    driver.run(1.0)
+    (result,) = driver.of(ACTION_RESULT)
+    assert (result.goal_id, result.error_code) == ("mine", ErrorCode.WORLD_RESTARTED)
+
+
+def test_that_nothing_goes_on_is_said_once() -> None:
+    driver = NodeDriver()
+    driver.learn()
+    driver.deliver(SIMULATION_STATS, STATS)
+    driver.run(1.0)
+    (said,) = driver.of(NAVIGATION_CHECKPOINT)
+    assert said.goal is None
 
 
 @pytest.mark.parametrize("changes", [{"epoch": 4}, {"world_hash": "another"}])

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from mazebot.common.maths.frames import MAP_FRAME, SE2
 from mazebot.common.messages import action_documents as act
 from mazebot.common.messages import messages as msg
-from mazebot.common.messages.documents import CancelGoalReply, NavigationResult
+from mazebot.common.messages.documents import CancelGoal, CancelGoalReply, NavigationResult
 from mazebot.common.messages.error_codes import ErrorCode
 from mazebot.navigation.behavior.actions import (
     FollowWaypoints,
@@ -19,6 +19,7 @@ from mazebot.navigation.behavior.actions import (
     Request,
     TaskFeedback,
     TaskResult,
+    TaskStatus,
 )
 from mazebot.navigation.drive import Drive
 from mazebot.navigation.errors import NavigationError
@@ -34,6 +35,7 @@ _LOG = logging.getLogger("navigation")
 _MOST_GOALS_TRIED = 4
 """Of goals that arrive together: planning a path to each takes milliseconds."""
 
+_PREEMPTED = "preempted by a new goal"
 _ENDED_KEPT = 100
 _MOST_ENDS, _SOON_NS = 3, 30_000_000_000
 """A goal on whose way navigation has ended so often, each time so soon after it was started again,
@@ -68,6 +70,8 @@ class Goals:
 
     def __init__(self) -> None:
         self.current: Goal | None = None
+        self.before: Goal | None = None
+        """Of the process before, which goes on as soon as navigation is active."""
         self._resumed_ns = 0
         self._results: list[tuple[Goal, TaskResult]] = []
         self._ended: deque[str] = deque(maxlen=_ENDED_KEPT)
@@ -83,7 +87,7 @@ class Goals:
             asked = act.NavigateToPose(pose=planar_document(pose))
             goal = Goal("", msg.ns_from_time(message.header.stamp), asked, now_ns)
             if taken or not tries:
-                preempted = (ErrorCode.PREEMPTED, "preempted by a new goal")
+                preempted = (ErrorCode.PREEMPTED, _PREEMPTED)
                 rejected.append((goal, goal_result(request, now_ns, *preempted)))
                 continue
             tries -= 1
@@ -136,6 +140,7 @@ class Goals:
         """Start a task. Raises NavigationError where it is rejected; the one before continues."""
         ended = ready().navigator.start(now_ns, request, goal.start_ns)
         self._keep(ended)
+        self.give_up_before(now_ns, ErrorCode.PREEMPTED, _PREEMPTED)
         self.current = goal
 
     def remaining(self, now_ns: int, feedback: TaskFeedback | None) -> Goal | None:
@@ -157,12 +162,15 @@ class Goals:
             asked = asked.model_copy(update=rest)
         return current._replace(asked=asked)
 
-    def resume(self, now_ns: int, goal: Goal, ready: Ready) -> None:
+    def resume(self, now_ns: int, ready: Ready) -> None:
         """Go on with the goal that a process before had, or end it where it cannot be resumed."""
+        if self.before is None:
+            return
+        goal, self.before = self.before._replace(resumed=self.before.resumed + 1), None
         request = request_of(goal.asked)
         try:
             if self.current is not None:
-                raise NavigationError(ErrorCode.PREEMPTED, "preempted by a new goal")
+                raise NavigationError(ErrorCode.PREEMPTED, _PREEMPTED)
             if goal.resumed >= _MOST_ENDS:
                 raise NavigationError(
                     ErrorCode.NAVIGATION_RESTARTED,
@@ -177,10 +185,26 @@ class Goals:
             self._resumed_ns = now_ns
         except NavigationError as error:
             _LOG.error("Goal ended with error %d: %s", error.code, error.message)
-            ended = goal_result(request, now_ns, error.code, error.message)
-            self._results.append((goal, dataclasses.replace(ended, start_ns=goal.start_ns)))
+            self._end_before(now_ns, goal, error.code, error.message)
         else:
             _LOG.warning("navigation resumed: %s goes on", request.action)
+
+    def give_up_before(self, now_ns: int, code: ErrorCode, message: str) -> None:
+        """End the goal that a process before had and that does not go on yet, if there is one."""
+        if self.before is not None:
+            goal, self.before = self.before, None
+            self._end_before(now_ns, goal, code, message)
+
+    def _end_before(self, now_ns: int, goal: Goal, code: ErrorCode, message: str) -> None:
+        canceled = code == ErrorCode.CANCELED
+        ended = dataclasses.replace(
+            goal_result(request_of(goal.asked), now_ns, code, message),
+            status=TaskStatus.CANCELED if canceled else TaskStatus.FAILED,
+            start_ns=goal.start_ns,
+        )
+        self._results.append((goal, ended))
+        if goal.goal_id:
+            self._ended.append(goal.goal_id)
 
     def _keep(self, result: TaskResult | None) -> None:
         if result is not None and self.current is not None:
@@ -194,30 +218,29 @@ class Goals:
         if result is not None:
             self.current = None
 
-    def cancel(
-        self, now_ns: int, drive: Drive | None, stamp_ns: int | None, goal_id: str | None
-    ) -> CancelGoalReply:
-        """Cancel the goal with this stamp or id; None: any goal."""
-        current = self.current
-        request = drive.navigator.request if drive is not None else None
-        if (
-            drive is None
-            or current is None
-            or request is None
-            or stamp_ns not in (None, current.stamp_ns)
-            or goal_id not in (None, current.goal_id)
-        ):
+    def cancel(self, now_ns: int, drive: Drive | None, asked: CancelGoal) -> CancelGoalReply:
+        """Cancel the goal that is asked for."""
+        drives = drive is not None and drive.navigator.request is not None
+        running = self.current if drives else None
+        goal = next((one for one in (running, self.before) if _is_meant(asked, one)), None)
+        if goal is None:
             error = "no active goal"
-            if stamp_ns is not None:
-                error = f"goal_stamp_ns: {stamp_ns}: no active goal with this stamp"
-            elif goal_id is not None:
-                error = f"goal_id: {goal_id}: no active goal with this id"
+            if asked.goal_stamp_ns is not None:
+                error = f"goal_stamp_ns: {asked.goal_stamp_ns}: no active goal with this stamp"
+            elif asked.goal_id is not None:
+                error = f"goal_id: {asked.goal_id}: no active goal with this id"
+            elif asked.action is not None:
+                error = f"action: {asked.action!r:.40}: no active goal of this action"
             return CancelGoalReply(error=error, return_code=2)
-        self.end(drive.navigator.cancel(now_ns))
-        pose = request.pose if isinstance(request, NavigateToPose) else None
+        if goal is self.before:
+            self.give_up_before(now_ns, ErrorCode.CANCELED, "canceled")
+        elif drive is not None:
+            self.end(drive.navigator.cancel(now_ns))
         return CancelGoalReply(
-            goal=None if pose is None else planar_document(pose),
-            goal_stamp_ns=current.stamp_ns or 0,
+            goal=goal.asked.pose if isinstance(goal.asked, act.NavigateToPose) else None,
+            goal_stamp_ns=goal.stamp_ns or 0,
+            goal_id=goal.goal_id,
+            accepted_ns=goal.start_ns,
         )
 
     def take_results(
@@ -233,6 +256,16 @@ class Goals:
         ]  # fmt: skip
         self._results.clear()
         return documents
+
+
+def _is_meant(asked: CancelGoal, goal: Goal | None) -> bool:
+    return (
+        goal is not None
+        and asked.goal_stamp_ns in (None, goal.stamp_ns)
+        and asked.goal_id in (None, goal.goal_id)
+        and asked.action in (None, goal.asked.action)
+        and (asked.accepted_until_ns is None or goal.start_ns <= asked.accepted_until_ns)
+    )
 
 
 def pause_goal(drive: Drive | None, paused: bool) -> act.Reply:

@@ -204,7 +204,7 @@ class NavigationNode(Node):
         self._zones_shown: Zones | None = None
         self._goals = Goals()
         self._kept: act.NavigationCheckpoint | None = None
-        """Of the process before, until its goal is taken up."""
+        """Of the process before, until its goal is known to be of this run."""
         self._resumed = False
         """Whether that has been done, or there was none."""
         self._checkpoint: _Checkpoint | None = None
@@ -308,21 +308,18 @@ class NavigationNode(Node):
         if self._world is None or not inbox.is_handed_over:
             return
         run = self._world.hash, self._watch.epoch
-        if kept is not None and (kept.world_hash, kept.epoch) != run:
-            kept = None
-        if kept is not None:
+        if kept is not None and (kept.world_hash, kept.epoch) == run:
+            self._kept = None
             self._take_parameters(now_ns, kept.parameters, outbox)
-        if self.waiting_for() is not None:
-            return
-        self._kept, self._resumed = None, True
-        if kept is None or kept.goal is None:
-            return
-        goal = Goal(
-            kept.goal_id, kept.goal_stamp_ns, kept.goal, kept.start_ns, kept.resumed + 1
-        )  # fmt: skip
-        # Others keep it until they are told otherwise.
-        self._checkpoint = _Checkpoint(*run, goal._replace(resumed=kept.resumed), kept.parameters)
-        self._goals.resume(now_ns, goal, self._ready_drive)
+            if kept.goal is not None:
+                self._goals.before = Goal(
+                    kept.goal_id, kept.goal_stamp_ns, kept.goal, kept.start_ns, kept.resumed
+                )
+            # Who waits for its result learns that it is not lost, before it may end.
+            self._put_checkpoint(outbox, _Checkpoint(*run, self._goals.before, self._changed))
+        if self.waiting_for() is None:
+            self._kept, self._resumed = None, True
+            self._goals.resume(now_ns, self._ready_drive)
 
     def _take_parameters(self, now_ns: int, kept: Mapping[str, JsonValue], outbox: Outbox) -> None:
         """Set what was set in the process before, except what was set in this one."""
@@ -419,6 +416,7 @@ class NavigationNode(Node):
     def _reset(self, now_ns: int, reason: str) -> None:
         """Abort the task, and drop all measurements and what was made of them."""
         self._abort(now_ns, reason)
+        self._goals.give_up_before(max(now_ns, self._now_ns), ErrorCode.WORLD_RESTARTED, reason)
         if self._drive is None:
             return
         if self._world is not None and self._world.slam:
@@ -610,10 +608,10 @@ class NavigationNode(Node):
         drive, ready = self._drive, self._ready_drive
         for send in inbox.requests(SEND_GOAL):
             send.respond(self._goals.send(now_ns, send.message, ready))
-        for cancel in inbox.requests(CANCEL_GOAL):
-            ask = cancel.message
-            reply = self._goals.cancel(now_ns, drive, ask.goal_stamp_ns, ask.goal_id)
-            cancel.respond(reply)
+        # Until it is known whether a goal goes on, who cancels it waits.
+        if inbox.is_handed_over and (self._kept is None or self._world is not None):
+            for cancel in inbox.requests(CANCEL_GOAL):
+                cancel.respond(self._goals.cancel(now_ns, drive, cancel.message))
         for pause in inbox.requests(PAUSE_GOAL):
             pause.respond(pause_goal(drive, pause.message.pause))
         for given in inbox.requests(INPUT_AT_WAYPOINT):
@@ -703,6 +701,7 @@ class NavigationNode(Node):
         """Publish costmaps, feedback and status."""
         drive = self._drive
         if drive is None:
+            self._publish_checkpoint(now_ns, outbox, None)
             self._publish_status(now_ns, outbox, None)
             return
         self._publish_zones(now_ns, outbox, drive.robot)
@@ -741,13 +740,18 @@ class NavigationNode(Node):
     def _publish_checkpoint(
         self, now_ns: int, outbox: Outbox, feedback: TaskFeedback | None
     ) -> None:
-        if self._kept is not None or not outbox.is_read(NAVIGATION_CHECKPOINT):
+        if not outbox.is_read(NAVIGATION_CHECKPOINT):
             return
-        goal, before = self._goals.remaining(now_ns, feedback), self._checkpoint
+        if not (self._resumed or self._checkpoint):
+            # What others keep may still come, until it was taken up.
+            return
+        goal = self._goals.remaining(now_ns, feedback) or self._goals.before
         now = _Checkpoint(self.world_hash, self._watch.epoch, goal, self._changed)
-        if now == before or (before is None and goal is None and not self._changed):
-            return
-        self._checkpoint = now
+        if now != self._checkpoint:
+            self._put_checkpoint(outbox, now)
+
+    def _put_checkpoint(self, outbox: Outbox, now: _Checkpoint) -> None:
+        self._checkpoint, goal = now, now.goal
         outbox.put(
             NAVIGATION_CHECKPOINT,
             act.NavigationCheckpoint(
@@ -833,9 +837,12 @@ class NavigationNode(Node):
         drive = self._drive
         request = drive.navigator.request if drive is not None else None
         goal = request.pose if isinstance(request, NavigateToPose) else None
-        if self._kept is not None and isinstance(self._kept.goal, act.NavigateToPose):
+        before = self._goals.before.asked if self._goals.before is not None else None
+        if self._kept is not None:
+            before = self._kept.goal
+        if isinstance(before, act.NavigateToPose):
             # It is not lost: nobody need send it again.
-            goal = self._kept.goal.pose.se2()
+            goal = before.pose.se2()
         localized = self._localized() and drive is not None
         state = "idle"
         if drive is not None and request is not None:

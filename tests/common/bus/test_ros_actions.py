@@ -25,6 +25,7 @@ from mazebot.common.messages.topics import (
     ACTION_RESULT,
     CANCEL_GOAL,
     COMPUTE_PATH,
+    NAVIGATION_CHECKPOINT,
     SEND_GOAL,
 )
 from mazebot.common.node.node import Inbox, Node, Outbox
@@ -36,6 +37,8 @@ UNKNOWN, EXECUTING, CANCELING, SUCCEEDED, CANCELED, ABORTED = 0, 2, 3, 4, 5, 6
 TO_POSE = "nav2_msgs/action/NavigateToPose"
 OUTSIDE = 204
 THROUGH = "navigate_through_poses"
+ACCEPTED_NS = 12_000_000_000
+NOTHING_KEPT = act.NavigationCheckpoint(world_hash="", epoch=None, goal=None)
 PASSED = tuple(
     act.WaypointStatus(status=status, index=index)
     for index, status in enumerate(("completed", "pending"))
@@ -54,8 +57,13 @@ class Navigation(Node):
         self.sent: list[act.SendGoal] = []
         self.finishes = False
         self.active = True
+        self.checkpoint: act.NavigationCheckpoint | None = NOTHING_KEPT
+        """What is told of the goal that runs in the next step, if anything."""
 
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
+        if self.checkpoint is not None:
+            outbox.put(NAVIGATION_CHECKPOINT, self.checkpoint)
+            self.checkpoint = None
         for request in inbox.requests(SEND_GOAL):
             self._start(request.message, request.respond, outbox)
         for asked in inbox.requests(COMPUTE_PATH):
@@ -63,10 +71,18 @@ class Navigation(Node):
             reply = act.ComputePathReply(error_code=OUTSIDE, error_msg="outside")
             asked.respond(reply if far else act.ComputePathReply(path=asked.message.goals))
         for cancel in inbox.requests(CANCEL_GOAL):
-            known = self.goal is not None and cancel.message.goal_id == self.goal.goal_id
-            cancel.respond(doc.CancelGoalReply(return_code=0 if known else 2))
-            if known:
+            asked, goal = cancel.message, self.goal
+            if (
+                goal is not None
+                and asked.goal_id in (None, goal.goal_id)
+                and asked.action in (None, goal.goal.action)
+                and (asked.accepted_until_ns or ACCEPTED_NS) >= ACCEPTED_NS
+            ):
                 self._end("canceled", 9012, outbox)
+                told = doc.CancelGoalReply(goal_id=goal.goal_id, accepted_ns=ACCEPTED_NS)
+                cancel.respond(told)
+            else:
+                cancel.respond(doc.CancelGoalReply(return_code=2))
         if self.goal is not None:
             told = act.ActionFeedback(
                 goal_id=self.goal.goal_id, action=self.goal.goal.action, distance_remaining_m=1.5,
@@ -112,13 +128,17 @@ class Navigation(Node):
 class Stack:
     """The node, and a client of its actions."""
 
-    def __init__(self, endpoint: str, distro: str) -> None:
+    def __init__(
+        self, endpoint: str, distro: str, checkpoint: act.NavigationCheckpoint | None = NOTHING_KEPT
+    ) -> None:
         config = BusConfig.model_validate({"connect": endpoint, "distro": distro})
         self.keys: Keys = config.keys
         self.node = Navigation()
+        self.node.checkpoint = checkpoint
         self.running = Running(self.node, open_session(config, timeout_s=5.0), config.keys)
         self.session = open_session(config, timeout_s=5.0)
         self.types = interfaces(distro)
+        self.wake()
 
     def close(self) -> None:
         self.session.close()  # type: ignore[no-untyped-call]
@@ -134,9 +154,10 @@ class Stack:
         values = {"goal_id": ident(goal_id)}
         return self.call(name or "/navigate_to_pose", "get_result", f"{kind}_GetResult", values)
 
-    def cancel(self, goal_id: bytes = bytes(16)) -> Any:
-        values = {"goal_info": {"goal_id": ident(goal_id)}}
-        return self.call("/navigate_to_pose", "cancel_goal", "action_msgs/srv/CancelGoal", values)
+    def cancel(self, goal_id: bytes = bytes(16), name: str = "", until_s: int = 0) -> Any:
+        values = {"goal_info": {"goal_id": ident(goal_id), "stamp": {"sec": until_s}}}
+        kind = "action_msgs/srv/CancelGoal"
+        return self.call(name or "/navigate_to_pose", "cancel_goal", kind, values)
 
     def call(self, name: str, part: str, kind: str, values: dict[str, Any]) -> Any:
         return call(self.session, f"{name}/_action/{part}", kind, values, self.keys)
@@ -247,6 +268,62 @@ def test_a_goal_is_cancelled(stack: Stack, by_id: bool) -> None:
     assert stack.cancel(goal_id).return_code == 3
     assert stack.cancel(uuid.uuid4().bytes).return_code == 2
     assert not stack.cancel().goals_canceling
+
+
+@pytest.mark.parametrize("goal_id", ["", "cli-1", "ab" * 16])
+def test_a_goal_that_came_by_another_way_is_cancelled_with_all(stack: Stack, goal_id: str) -> None:
+    """As on /goal_pose, without an id, or by a tool."""
+    here = doc.Planar(x_m=1.0, y_m=0.0, yaw_rad=0.0)
+    goal = act.NavigateToPose(pose=here)
+    stack.node.goal = act.SendGoal.model_construct(goal_id=goal_id, goal=goal)
+    for other in (stack.cancel(name="/spin"), stack.cancel(until_s=11)):
+        assert (other.return_code, other.goals_canceling) == (0, [])
+    assert stack.node.goal is not None
+    reply = stack.cancel(until_s=12)
+    (info,) = reply.goals_canceling
+    is_id = len(goal_id) == 32
+    assert info.goal_id.uuid.tobytes() == (bytes.fromhex(goal_id) if is_id else bytes(16))
+    assert (reply.return_code, info.stamp.sec) == (0, 12)
+    assert stack.node.goal is None
+
+
+def test_a_goal_goes_on_in_another_process(endpoint: str) -> None:
+    """Who asks for its result before that is known waits for it."""
+    goal_id, other_id = uuid.uuid4().bytes, uuid.uuid4().bytes
+    kind, name = "nav2_msgs/action/NavigateThroughPoses", "/navigate_through_poses"
+    poses = tuple(doc.Planar(x_m=x_m, y_m=0.0, yaw_rad=0.0) for x_m in (1.0, 2.0))
+    goal = act.NavigateThroughPoses(poses=poses)
+    stack = Stack(endpoint, "kilted", checkpoint=None)
+    results: dict[bytes, Any] = {}
+
+    def wait(asked: bytes) -> None:
+        results[asked] = stack.result(asked, kind, name)
+
+    waiting = [threading.Thread(target=wait, args=(one,)) for one in (goal_id, other_id)]
+    for one in waiting:
+        one.start()
+    stack.node.goal = act.SendGoal(goal_id=goal_id.hex(), goal=goal)
+    stack.node.checkpoint = act.NavigationCheckpoint(
+        world_hash="", epoch=1, goal=goal, goal_id=goal_id.hex(), start_ns=3_000_000_000
+    )
+    stack.wake()
+    told = stack.heard("status", "action_msgs/msg/GoalStatusArray", name)
+    wait_until(lambda: bool(told), "a status")
+    (status,) = told[-1].status_list
+    assert (status.status, status.goal_info.goal_id.uuid.tobytes()) == (EXECUTING, goal_id)
+    assert status.goal_info.stamp.sec == 3
+    waiting[1].join(DEADLINE_S)
+    unknown = results.pop(other_id)
+    assert (unknown.status, unknown.result.error_code) == (UNKNOWN, 2)
+    assert not results
+    assert len(stack.cancel(goal_id, name).goals_canceling) == 1
+    waiting[0].join(DEADLINE_S)
+    result = results[goal_id]
+    assert (result.status, result.result.error_code) == (CANCELED, 9012)
+    reached = [one.waypoint_pose.pose.position.x for one in result.result.waypoint_statuses]
+    assert reached == [1.0, 2.0]
+    assert stack.cancel(goal_id, name).return_code == 3
+    stack.close()
 
 
 def test_a_goal_that_cannot_be_reached_is_aborted_with_the_code_of_nav2(stack: Stack) -> None:

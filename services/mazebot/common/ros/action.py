@@ -60,6 +60,16 @@ class Running(NamedTuple):
     """What a message on one of the topics that the action observes says of the goal."""
 
 
+class TakenUp(NamedTuple):
+    """A goal that runs, whoever has sent it."""
+
+    goal_id: str
+    stamp_ns: int
+    """When it was accepted."""
+    heard: Callable[[Any], Feedback | Ended | None]
+    """As in Running."""
+
+
 Ask = tuple[Query[Any, Any], Any]
 """A query of the node, and its request."""
 Course = Generator[Ask | Running | Feedback, Any, Ended | None]
@@ -85,6 +95,16 @@ class Action:
     failed: Callable[[int | None, str], Response]
     """The result of a goal that failed, with a code and a message; None: it has no code."""
     about: str
+    checkpoint: Topic[Any] | None = None
+    """On which the node tells of the goal that runs, with its first message once it knows whether
+    one goes on that a process before had accepted.
+    """
+    taken_up: Callable[[Any], TakenUp | None] = lambda _: None
+    """What a message on that topic says of a goal of this action."""
+    cancel_other: Callable[[str | None, int | None], Ask] | None = None
+    """Ends the goal of this action that runs though it did not come as one: that with an id, or
+    that accepted up to a time; None: any. None: there are no such goals.
+    """
 
     @property
     def services(self) -> dict[str, str]:

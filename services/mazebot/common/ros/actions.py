@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Sequence
+from types import SimpleNamespace
 from typing import Any, Final
 
 from mazebot.common.maths.frames import MAP_FRAME
@@ -18,6 +19,7 @@ from mazebot.common.messages.topics import (
     ACTION_RESULT,
     CANCEL_GOAL,
     COMPUTE_PATH,
+    NAVIGATION_CHECKPOINT,
     SEND_GOAL,
 )
 from mazebot.common.ros.action import (
@@ -30,6 +32,7 @@ from mazebot.common.ros.action import (
     GoalRejectedError,
     GoalStatus,
     Running,
+    TakenUp,
 )
 from mazebot.common.ros.call import Response
 from mazebot.common.ros.interfaces import Versioned
@@ -333,6 +336,40 @@ def _cancel(goal_id: str) -> Ask:
     return CANCEL_GOAL, CancelGoal(goal_id=goal_id)
 
 
+def _cancel_other(task: str) -> Callable[[str | None, int | None], Ask]:
+    return lambda goal_id, until_ns: (
+        CANCEL_GOAL, CancelGoal(goal_id=goal_id, action=task, accepted_until_ns=until_ns)
+    )  # fmt: skip
+
+
+_Heard = Callable[[act.ActionFeedback | act.ActionResult], Feedback | Ended | None]
+
+
+def _hearing(goal_id: str, goal: Any, feedback: _OfFeedback, result: _OfResult) -> _Heard:
+    def heard(told: act.ActionFeedback | act.ActionResult) -> Feedback | Ended | None:
+        if told.goal_id != goal_id:
+            return None
+        if isinstance(told, act.ActionFeedback):
+            return Feedback(feedback(told, goal))
+        return Ended(_STATUSES[told.status], result(told, goal))
+
+    return heard
+
+
+def _taken_up(
+    task: str, feedback: _OfFeedback, result: _OfResult
+) -> Callable[[act.NavigationCheckpoint], TakenUp | None]:
+    def taken_up(told: act.NavigationCheckpoint) -> TakenUp | None:
+        if told.goal is None or told.goal.action != task:
+            return None
+        # Of the goal's message, feedback and results want the poses alone.
+        goal = SimpleNamespace(poses=[pose_stamped(p) for p in getattr(told.goal, "poses", ())])
+        heard = _hearing(told.goal_id, goal, feedback, result)
+        return TakenUp(told.goal_id, told.start_ns, heard)
+
+    return taken_up
+
+
 def _sent(
     document: Callable[[Any], act.ActionGoal], feedback: _OfFeedback, result: _OfResult
 ) -> Callable[[Any, str], Course]:
@@ -344,15 +381,7 @@ def _sent(
             if reply.error_code == ErrorCode.GOAL_REJECTED:
                 raise GoalRejectedError(reply.error_msg)
             raise GoalError(reply.error_code, reply.error_msg)
-
-        def heard(told: act.ActionFeedback | act.ActionResult) -> Feedback | Ended | None:
-            if told.goal_id != goal_id:
-                return None
-            if isinstance(told, act.ActionFeedback):
-                return Feedback(feedback(told, message))
-            return Ended(_STATUSES[told.status], result(told, message))
-
-        yield Running(heard)
+        yield Running(_hearing(goal_id, message, feedback, result))
         return None
 
     return run
@@ -366,9 +395,11 @@ def _row(
     result: _OfResult,
     about: str,
 ) -> Action:
+    task = name.removeprefix("/")
     return Action(
         name, f"nav2_msgs/action/{kind}", "navigation", _sent(document, feedback, result),
-        (ACTION_FEEDBACK, ACTION_RESULT), _cancel, _failed, about,
+        (ACTION_FEEDBACK, ACTION_RESULT), _cancel, _failed, about, NAVIGATION_CHECKPOINT,
+        _taken_up(task, feedback, result), _cancel_other(task),
     )  # fmt: skip
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import re
 import threading
 import time
 from collections.abc import Callable
@@ -18,6 +19,7 @@ from mazebot.common.bus.liveliness import GraphNode
 from mazebot.common.bus.publisher import HEARTBEAT_S
 from mazebot.common.bus.ros.service_server import Refuse, Respond, declare_service
 from mazebot.common.messages import messages as msg
+from mazebot.common.messages.documents import CancelGoalReply
 from mazebot.common.messages.keys import LATCHED_QOS, PUBLISHER, RELIABLE_QOS, Keys
 from mazebot.common.messages.topics import Topic
 from mazebot.common.node.node import Inbox, Node
@@ -30,6 +32,7 @@ from mazebot.common.ros.action import (
     GoalRejectedError,
     GoalStatus,
     Running,
+    TakenUp,
 )
 from mazebot.common.ros.call import Response
 from mazebot.common.ros.interfaces import interfaces
@@ -38,6 +41,8 @@ MAX_ENDED = 20
 """Goals of an action that have ended and whose results are kept: the newest ones."""
 MAX_WAITING = 100
 """Requests for the result of one goal; further ones are refused."""
+_GOAL_ID = re.compile(r"[0-9a-f]{32}")
+_NO_ID = "0" * 32
 _NO_ERROR, _UNKNOWN_GOAL, _GOAL_TERMINATED = 0, 2, 3
 
 
@@ -45,7 +50,8 @@ _NO_ERROR, _UNKNOWN_GOAL, _GOAL_TERMINATED = 0, 2, 3
 class _Goal:
     goal_id: str
     """32 hexadecimal digits."""
-    stamp_ns: int
+    stamp_ns: int = 0
+    """When it was accepted."""
     heard: Callable[[Any], Feedback | Ended | None] = lambda _: None
     status: GoalStatus = GoalStatus.ACCEPTED
     result: Response = field(default_factory=dict)
@@ -55,7 +61,7 @@ class _Goal:
     @property
     def info(self) -> dict[str, Any]:
         """action_msgs/GoalInfo."""
-        return {"goal_id": _uuid(self.goal_id), "stamp": msg.time_from_ns(self.stamp_ns)}
+        return _info(self.goal_id, self.stamp_ns)
 
 
 class ActionServer:
@@ -72,6 +78,10 @@ class ActionServer:
         self._lock = threading.RLock()
         self._goals: dict[str, _Goal] = {}
         self._publish: dict[str, Callable[[Response], None]] = {}
+        self._early: list[tuple[Any, Respond, Refuse]] | None = None
+        """Requests for results of goals that may be taken up yet; None: it is known which are."""
+        if action.checkpoint is not None:
+            self._early = []
 
     def declare(self, session: zenoh.Session, graph: GraphNode) -> list[Any]:
         """Declare it on a session; keep the returned objects. Goals outlive the session."""
@@ -129,6 +139,8 @@ class ActionServer:
 
     def observe(self, topic: Topic[Any], message: object) -> None:
         """Pass on what a message that the node sends says of goals of this action."""
+        if topic is self._action.checkpoint:
+            self._take_up(self._action.taken_up(message))
         if not self._goals or topic not in self._action.observes:
             return
         with self._lock:
@@ -140,6 +152,19 @@ class ActionServer:
                 except Exception:
                     # This is within the node's step, which must go on.
                     self._log.exception("%s", self._action.name)
+
+    def _take_up(self, told: TakenUp | None) -> None:
+        """Go on with a goal that runs and is not known here: a process before had accepted it, or
+        it did not come as one of ROS 2.
+        """
+        with self._lock:
+            if told and told.goal_id not in self._goals and _GOAL_ID.fullmatch(told.goal_id):
+                self._forget_oldest()
+                self._goals[told.goal_id] = _Goal(*told, status=GoalStatus.EXECUTING)
+                self._tell()
+            early, self._early = self._early or (), None
+            for request, respond, refuse in early:
+                self._get_result(request, respond, refuse)
 
     def _pass_on(self, goal: _Goal, told: Feedback | Ended | None) -> None:
         if isinstance(told, Ended):
@@ -154,7 +179,7 @@ class ActionServer:
             if goal_id in self._goals:
                 respond({"accepted": False})
                 return
-        goal = _Goal(goal_id, self._now_ns())
+        goal = _Goal(goal_id)
         course = self._action.run(request.goal, goal_id)
         self._go_on(goal, course, None, respond, refuse)
 
@@ -209,7 +234,7 @@ class ActionServer:
             return known is goal
         self._forget_oldest()
         self._goals[goal.goal_id] = goal
-        goal.status = GoalStatus.EXECUTING
+        goal.status, goal.stamp_ns = GoalStatus.EXECUTING, self._now_ns()
         respond({"accepted": True, "stamp": msg.time_from_ns(goal.stamp_ns)})
         self._tell()
         return True
@@ -226,40 +251,57 @@ class ActionServer:
         status = GoalStatus.CANCELED if canceled else GoalStatus.ABORTED
         self._end(goal, Ended(status, self._action.failed(code, message)))
 
-    def _cancel_goal(self, request: Any, respond: Respond, _: Refuse) -> None:
+    def _cancel_goal(self, request: Any, respond: Respond, refuse: Refuse) -> None:
         info = request.goal_info
-        goal_id = info.goal_id.uuid.tobytes().hex()
-        stamp_ns = msg.ns_from_time(info.stamp)
+        named = info.goal_id.uuid.tobytes().hex()
+        goal_id = None if named == _NO_ID else named
+        until_ns = msg.ns_from_time(info.stamp) or None
         with self._lock:
-            known = self._goals.get(goal_id)
+            known = self._goals.get(named)
             meant = [goal for goal in self._goals.values() if not goal.status.is_terminal]
-            if int(goal_id, 16):
-                if known is None:
-                    respond({"return_code": _UNKNOWN_GOAL})
-                    return
+            if known is not None:
                 if known.status.is_terminal:
                     respond({"return_code": _GOAL_TERMINATED})
                     return
                 meant = [known]
-            elif stamp_ns:
-                meant = [goal for goal in meant if goal.stamp_ns <= stamp_ns]
+            elif goal_id is not None:
+                meant = []
+            elif until_ns is not None:
+                meant = [goal for goal in meant if goal.stamp_ns <= until_ns]
             for goal in meant:
                 goal.status = GoalStatus.CANCELING
                 # Its result comes as that of any goal.
                 self._inbox.ask(*self._action.cancel(goal.goal_id), lambda _: None)
             if meant:
                 self._tell()
-            respond({"return_code": _NO_ERROR, "goals_canceling": [goal.info for goal in meant]})
+            canceling = [goal.info for goal in meant]
+
+        def answer(other: CancelGoalReply | None = None) -> None:
+            if other is not None and not other.return_code:
+                is_id = _GOAL_ID.fullmatch(other.goal_id)
+                canceling.append(_info(other.goal_id if is_id else _NO_ID, other.accepted_ns))
+            code = _UNKNOWN_GOAL if goal_id is not None and not canceling else _NO_ERROR
+            respond({"return_code": code, "goals_canceling": canceling})
+
+        if known is not None or self._action.cancel_other is None:
+            answer()
+        elif not self._inbox.ask(*self._action.cancel_other(goal_id, until_ns), answer):
+            refuse("too many pending requests", "")
 
     def _get_result(self, request: Any, respond: Respond, refuse: Refuse) -> None:
         with self._lock:
             goal = self._goals.get(request.goal_id.uuid.tobytes().hex())
-            if goal is None:
-                respond({"status": GoalStatus.UNKNOWN})
+            waiting = self._early if goal is None else goal.waiting
+            if waiting is not None and len(waiting) >= MAX_WAITING:
+                refuse("too many pending requests", "")
+            elif goal is None and self._early is not None:
+                self._early.append((request, respond, refuse))
+            elif goal is None:
+                # The code of ROS 2 would be that of a success.
+                result = self._action.failed(None, "goal_id: no goal with this id is known")
+                respond({"status": GoalStatus.UNKNOWN, "result": result})
             elif goal.status.is_terminal:
                 respond({"status": goal.status, "result": goal.result})
-            elif len(goal.waiting) >= MAX_WAITING:
-                refuse("too many pending requests", "")
             else:
                 goal.waiting.append(respond)
 
@@ -281,6 +323,10 @@ class ActionServer:
         ended = [goal_id for goal_id, goal in self._goals.items() if goal.status.is_terminal]
         for goal_id in ended[: max(0, len(ended) - MAX_ENDED + 1)]:
             del self._goals[goal_id]
+
+
+def _info(goal_id: str, stamp_ns: int) -> dict[str, Any]:
+    return {"goal_id": _uuid(goal_id), "stamp": msg.time_from_ns(stamp_ns)}
 
 
 def _uuid(goal_id: str) -> dict[str, Any]:

@@ -99,6 +99,12 @@ class CancelGoal(Document):
         None, description="stamp of the goal's message: cancel only that goal; None: any"
     )
     goal_id: str | None = Field(None, description="id of an action's goal; None: any")
+    action: str | None = Field(
+        None, description="as in a goal: cancel it only where this is what it does; None: any"
+    )
+    accepted_until_ns: int | None = Field(
+        None, description="simulation time: cancel only a goal accepted up to then; None: any"
+    )
 
 
 class CancelGoalReply(Document):
@@ -110,3 +116,5 @@ class CancelGoalReply(Document):
     )
     goal: Planar | None = Field(None, description="the canceled goal")
     goal_stamp_ns: int = Field(0, description="stamp of that goal's message")
+    goal_id: str = Field("", description="its id; empty: it came on /goal_pose")
+    accepted_ns: int = Field(0, description="simulation time at which it was accepted")
