@@ -71,16 +71,16 @@ class Navigation(Node):
             reply = act.ComputePathReply(error_code=OUTSIDE, error_msg="outside")
             asked.respond(reply if far else act.ComputePathReply(path=asked.message.goals))
         for cancel in inbox.requests(CANCEL_GOAL):
-            asked, goal = cancel.message, self.goal
+            which, goal = cancel.message, self.goal
             if (
                 goal is not None
-                and asked.goal_id in (None, goal.goal_id)
-                and asked.action in (None, goal.goal.action)
-                and (asked.accepted_until_ns or ACCEPTED_NS) >= ACCEPTED_NS
+                and which.goal_id in (None, goal.goal_id)
+                and which.action in (None, goal.goal.action)
+                and (which.accepted_until_ns or ACCEPTED_NS) >= ACCEPTED_NS
             ):
                 self._end("canceled", 9012, outbox)
-                told = doc.CancelGoalReply(goal_id=goal.goal_id, accepted_ns=ACCEPTED_NS)
-                cancel.respond(told)
+                canceled = doc.CancelGoalReply(goal_id=goal.goal_id, accepted_ns=ACCEPTED_NS)
+                cancel.respond(canceled)
             else:
                 cancel.respond(doc.CancelGoalReply(return_code=2))
         if self.goal is not None:
