@@ -23,11 +23,10 @@ from mazebot.common.bus.liveliness import (
     watch_sources,
 )
 from mazebot.common.bus.publisher import publish
-from mazebot.common.bus.repeats import Repeats
 from mazebot.common.bus.ros.action_server import ActionServer
 from mazebot.common.bus.ros.service_server import ServiceServer
 from mazebot.common.bus.session import BusUnavailableError, now_of
-from mazebot.common.bus.subscriber import subscribe
+from mazebot.common.bus.subscriber import Repeats, subscribe
 from mazebot.common.messages import wire
 from mazebot.common.messages.keys import DEFAULT_KEYS, Endpoint, Keys
 from mazebot.common.messages.topics import (
