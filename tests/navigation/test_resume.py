@@ -182,16 +182,6 @@ def test_a_goal_is_cancelled_before_it_goes_on(meant: dict[str, Any]) -> None:
     assert driver.of(NAVIGATION_CHECKPOINT)[-1].goal is None
 
 
-def test_what_waits_to_go_on_ends_with_its_run() -> None:
-    driver = again(on_the_way(act.NavigateToPose(pose=Planar.of(GOAL))))
-    driver.step()
-    now_s = driver.now_ns * 1e-9
-    driver.deliver(SIMULATION_STATS, STATS.model_copy(update={"epoch": 9, "sim_time_s": now_s}))
-    driver.run(1.0)
-    (result,) = driver.of(ACTION_RESULT)
-    assert (result.goal_id, result.error_code) == ("mine", ErrorCode.WORLD_RESTARTED)
-
-
 def test_that_nothing_goes_on_is_said_once() -> None:
     driver = NodeDriver()
     driver.learn()
