@@ -150,6 +150,20 @@ def test_of_poses_and_waypoints_what_is_left_goes_on() -> None:
     assert (result.goal_id, result.status) == ("mine", "succeeded")
 
 
+def test_waypoints_that_were_missed_are_told_at_the_end() -> None:
+    outside, near = (
+        Planar(x_m=50.0, y_m=50.0, yaw_rad=0.0),
+        Planar(x_m=-0.9, y_m=-0.68, yaw_rad=-2.5),
+    )
+    before = on_the_way(act.FollowWaypoints(poses=(outside, near)), 1.0)
+    (missed,) = before.of(NAVIGATION_CHECKPOINT)[-1].missed
+    assert (missed.index, missed.status) == (0, "failed")
+    driver = again(before)
+    driver.run(15.0)
+    (result,) = driver.of(ACTION_RESULT)
+    assert (result.status, result.waypoints) == ("succeeded", (missed,))
+
+
 def test_a_motion_that_cannot_go_on_ends_with_the_reason() -> None:
     driver = again(on_the_way(act.Spin(target_yaw_rad=3.0), 1.0))
     driver.run(1.0)

@@ -29,6 +29,8 @@ from mazebot.navigation.messages import (
     request_of,
     result_action,
     result_document,
+    waypoint_documents,
+    with_missed,
 )
 
 _LOG = logging.getLogger("navigation")
@@ -63,6 +65,8 @@ class Goal(NamedTuple):
     start_ns: int
     resumed: int = 0
     """Times in a row that navigation ended soon on its way."""
+    missed: tuple[act.WaypointStatus, ...] = ()
+    """Waypoints of it that were missed so far."""
 
 
 class Goals:
@@ -160,6 +164,8 @@ class Goals:
                 "number_of_loops": feedback.number_of_loops,
             }
             asked = asked.model_copy(update=rest)
+            missed = waypoint_documents(feedback.waypoint_statuses)
+            return current._replace(asked=asked, missed=missed)
         return current._replace(asked=asked)
 
     def resume(self, now_ns: int, ready: Ready) -> None:
@@ -167,7 +173,7 @@ class Goals:
         if self.before is None:
             return
         goal, self.before = self.before._replace(resumed=self.before.resumed + 1), None
-        request = request_of(goal.asked)
+        request = with_missed(request_of(goal.asked), goal.missed)
         try:
             if self.current is not None:
                 raise NavigationError(ErrorCode.PREEMPTED, _PREEMPTED)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -25,7 +26,7 @@ from mazebot.navigation.behavior.actions import Request, TaskFeedback, TaskResul
 from mazebot.navigation.behavior.context import BatteryCharge, ClearRequest
 from mazebot.navigation.behavior.docking.docks import CameraView
 from mazebot.navigation.behavior.engine.tree import NodeSnapshot
-from mazebot.navigation.behavior.nodes.nodes_goals import Statuses
+from mazebot.navigation.behavior.nodes.nodes_goals import Statuses, WaypointState, WaypointStatus
 from mazebot.navigation.control.collision import Velocity
 from mazebot.navigation.control.mppi.mppi import Trajectories
 from mazebot.navigation.control.safety.collision_monitor import MonitorState
@@ -288,13 +289,29 @@ def result_action(goal_id: str, result: TaskResult, docks: Mapping[str, SE2]) ->
         end_time_s=result.end_ns * 1e-9,
         number_of_recoveries=result.number_of_recoveries,
         num_retries=result.num_retries,
-        waypoints=_waypoints(result.waypoint_statuses),
+        waypoints=waypoint_documents(result.waypoint_statuses),
         goal=None if goal is None else planar_document(goal),
         displacement=None if displacement is None else planar_document(displacement),
     )
 
 
-def _waypoints(statuses: Statuses) -> tuple[act.WaypointStatus, ...]:
+def with_missed(request: Request, missed: Sequence[act.WaypointStatus]) -> Request:
+    """A request that goes on, with the waypoints that it has missed so far."""
+    if not isinstance(request, actions.FollowWaypoints):
+        return request
+    statuses = tuple(
+        WaypointStatus(
+            one.index, request.poses[one.index], WaypointState[one.status.upper()],
+            one.error_code, one.error_msg,
+        )
+        for one in missed
+        if 0 <= one.index < len(request.poses)
+    )  # fmt: skip
+    return replace(request, missed=statuses)
+
+
+def waypoint_documents(statuses: Statuses) -> tuple[act.WaypointStatus, ...]:
+    """The statuses of waypoints as documents."""
     return tuple(
         act.WaypointStatus(
             status=one.waypoint_status.name.lower(),
@@ -339,7 +356,9 @@ def feedback_document(
         heading_tracking_error_rad=feedback.heading_tracking_error_rad if drives else None,
         current_path_index=feedback.current_path_index if drives else None,
         waypoints=(
-            _waypoints(feedback.waypoint_statuses) if action == "NavigateThroughPoses" else ()
+            waypoint_documents(feedback.waypoint_statuses)
+            if action == "NavigateThroughPoses"
+            else ()
         ),
         docking_state=feedback.docking_state.name.lower() if docks else None,
         num_retries=feedback.num_retries if docks else None,

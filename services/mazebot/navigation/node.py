@@ -313,8 +313,9 @@ class NavigationNode(Node):
             self._take_parameters(now_ns, kept.parameters, outbox)
             if kept.goal is not None:
                 self._goals.before = Goal(
-                    kept.goal_id, kept.goal_stamp_ns, kept.goal, kept.start_ns, kept.resumed
-                )
+                    kept.goal_id, kept.goal_stamp_ns, kept.goal, kept.start_ns, kept.resumed,
+                    kept.missed,
+                )  # fmt: skip
             # Who waits for its result learns that it is not lost, before it may end.
             self._put_checkpoint(outbox, _Checkpoint(*run, self._goals.before, self._changed))
         if self.waiting_for() is None:
@@ -763,6 +764,7 @@ class NavigationNode(Node):
                 goal_stamp_ns=None if goal is None else goal.stamp_ns,
                 start_ns=0 if goal is None else goal.start_ns,
                 resumed=0 if goal is None else goal.resumed,
+                missed=() if goal is None else goal.missed,
             ),
         )
 

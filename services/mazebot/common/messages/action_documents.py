@@ -158,6 +158,15 @@ class SendGoalReply(Document):
     )
 
 
+class WaypointStatus(Document):
+    """One waypoint's status."""
+
+    status: Literal["pending", "completed", "skipped", "failed"]
+    index: int
+    error_code: int = 0
+    error_msg: str = ""
+
+
 class NavigationCheckpoint(Document):
     """What a navigation that is started again needs to go on with the goal of the one before."""
 
@@ -171,6 +180,7 @@ class NavigationCheckpoint(Document):
     goal_stamp_ns: int | None = Field(None, description="stamp of the message on /goal_pose")
     start_ns: int = 0
     resumed: int = Field(0, description="times in a row that navigation ended soon on its way")
+    missed: tuple[WaypointStatus, ...] = Field((), description="waypoints missed so far")
 
 
 class ComputePath(Document):
@@ -312,15 +322,6 @@ class SaveMapReply(Document):
         0, description="0 success, 1 no map received, 255 undefined failure"
     )
     error: str = ""
-
-
-class WaypointStatus(Document):
-    """One waypoint's status."""
-
-    status: Literal["pending", "completed", "skipped", "failed"]
-    index: int
-    error_code: int = 0
-    error_msg: str = ""
 
 
 class ActionFeedback(Document):

@@ -63,6 +63,8 @@ class FollowWaypoints:
     """Where the first round begins."""
     works: tuple[WaypointWork, ...] = ()
     """One for each pose; empty: the waypoint task of navigation at each."""
+    missed: Statuses = ()
+    """Of a request that goes on: the waypoints missed so far."""
 
 
 @dataclass(frozen=True, slots=True)

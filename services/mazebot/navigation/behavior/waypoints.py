@@ -170,7 +170,7 @@ class FollowWaypointsTask:
         self._stop_on_failure = stop_on_failure
         self.current_waypoint = request.goal_index
         self._rounds_left = request.number_of_loops
-        self._missed: list[WaypointStatus] = []
+        self._missed: list[WaypointStatus] = list(request.missed)
         self._recoveries = 0
         self._reached_ns: int | None = None
         self._drive: TreeTask | None = None
