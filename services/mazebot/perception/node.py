@@ -167,9 +167,11 @@ class PerceptionNode(Node):
             return "the world"
         if self._entities is None or self._entities.world_hash != self.world_hash:
             return "the entities of the world"
-        if self._published or not self._has_camera:
+        if self._published:
             return None
-        return "an image" if self._image is None else "the camera's intrinsics"
+        if self._image is not None:
+            return "the camera's intrinsics"
+        return "an image" if self._has_camera else None
 
     def prepare(self) -> None:
         """See Node."""
