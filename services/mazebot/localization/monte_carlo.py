@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mazebot.common.maths import portable, portable_kernels
-from mazebot.common.maths.frames import SE2, Array, wrap_angle
+from mazebot.common.maths.frames import SE2, Array, wrap_angle, wrap_angles
 from mazebot.common.maths.odometry_history import OdometryHistory
 from mazebot.common.messages.scan import Scan
 from mazebot.localization import particle_filter as pf
@@ -877,7 +877,7 @@ class Localization:
     def _spread_of(self, weighed: Array) -> Array:
         """(3, 3) covariance of all hypotheses (n, 4) about the likeliest one."""
         off = weighed[:, :3] - weighed[0, :3]
-        off[:, 2] = pf.wrapped(off[:, 2])
+        off[:, 2] = wrap_angles(off[:, 2])
         least = np.diag([0.01, 0.01, 0.01])
         share = weighed[:, 3] / max(float(weighed[:, 3].sum()), 1e-12)
         return portable.product(off.T * share, off) + least

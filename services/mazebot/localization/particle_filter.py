@@ -143,11 +143,6 @@ def smoothed(
     return made
 
 
-def wrapped(angles_rad: Array) -> Array:
-    """The same angles in [-pi, pi)."""
-    return np.asarray((angles_rad + math.pi) % (2.0 * math.pi) - math.pi)
-
-
 def kld_sample_size(
     particles: Array, bin_m: float, bin_rad: float, error: float, quantile: float
 ) -> int:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mazebot.common.maths import portable, portable_kernels
-from mazebot.common.maths.frames import SE2, Array, PlanarCovariance
+from mazebot.common.maths.frames import SE2, Array, PlanarCovariance, wrap_angles
 from mazebot.localization import particle_filter as pf
 from mazebot.localization.params import LocalizationParams
 
@@ -76,7 +76,7 @@ class ParticleSet:
         draws = portable_kernels.standard_normal(self._rng, (len(chosen), 3))
         spread = portable.product(draws * np.sqrt(np.maximum(values, 0.0)), vectors.T)
         self.poses = np.ascontiguousarray(poses[chosen] + spread)
-        self.poses[:, 2] = pf.wrapped(self.poses[:, 2])
+        self.poses[:, 2] = wrap_angles(self.poses[:, 2])
         self._log_weights = np.zeros(len(self.poses))
         self._scales = self._fresh_scales(len(self.poses))
         self._updates = 0
@@ -198,7 +198,7 @@ class ParticleSet:
             # Several poses: each keeps its own place.
             made = states[chosen] + draws * least
         self.poses = np.ascontiguousarray(made[:, :3])
-        self.poses[:, 2] = pf.wrapped(self.poses[:, 2])
+        self.poses[:, 2] = wrap_angles(self.poses[:, 2])
         self._scales = np.ascontiguousarray(made[:, 3:])
         self._log_weights = np.zeros(count)
 

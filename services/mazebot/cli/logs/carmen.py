@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mazebot.cli.logs.log import CLOCK_SET_S, Entry, Log, LoggedScan, ScanForm, Where, growing
 from mazebot.common.config import ConfigError
-from mazebot.common.maths.frames import SE2, Array, wrap_angle
+from mazebot.common.maths.frames import SE2, Array, wrap_angle, wrap_angles
 
 _SCANS = ("ROBOTLASER1", "FLASER", "RAWLASER1")
 """The first kind of which a log has any is used."""
@@ -253,7 +253,7 @@ def _way(sweeps: list[_Sweep]) -> float:
     if not len(poses):
         return 0.0
     steps = np.diff(poses, axis=0)
-    turns = (steps[:, 2] + math.pi) % math.tau - math.pi
+    turns = wrap_angles(steps[:, 2])
     return float(np.hypot(steps[:, 0], steps[:, 1]).sum() + np.abs(turns).sum())
 
 

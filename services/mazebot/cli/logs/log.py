@@ -106,8 +106,7 @@ class Log:
                 "when they were logged"
             )
         if self.clock_set_back:
-            times = "once" if self.clock_set_back == 1 else f"{self.clock_set_back} times"
-            found.append(f"the clock was set back {times}: what follows goes on from there")
+            found.append(set_back_remark(self.clock_set_back))
         if self.odometry_left_out:
             found.append(f"{self.odometry_left_out} poses of odometry are not finite: left out")
         if self.scans_left_out:
@@ -142,6 +141,12 @@ class Log:
                 yield from waiting
                 waiting = []
         yield from waiting
+
+
+def set_back_remark(count: int) -> str:
+    """What to say of a clock that was set back so often."""
+    times = "once" if count == 1 else f"{count} times"
+    return f"the clock was set back {times}: what follows goes on from there"
 
 
 @dataclass(frozen=True)

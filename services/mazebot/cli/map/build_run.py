@@ -12,7 +12,7 @@ import numpy as np
 
 from mazebot.cli.logs.log import Log
 from mazebot.common.config import ConfigError
-from mazebot.common.maths.frames import SE2, Array
+from mazebot.common.maths.frames import SE2, Array, wrap_angles
 
 if TYPE_CHECKING:
     from mazebot.common.messages.slam_documents import PoseGraph
@@ -177,13 +177,9 @@ def turn_disagreement(times_s: Array, poses: Array, odometry: Array) -> float:
     (k, 4) with the time, as a share of the latter; 0 where the robot hardly turned.
     """
     yaws_rad = np.interp(times_s, odometry[:, 0], np.unwrap(odometry[:, 3]))
-    by_odometry_rad = _wrapped(np.diff(yaws_rad))
-    by_scans_rad = _wrapped(np.diff(poses[:, 2]))
+    by_odometry_rad = wrap_angles(np.diff(yaws_rad))
+    by_scans_rad = wrap_angles(np.diff(poses[:, 2]))
     turned_rad = float(np.abs(by_odometry_rad).sum())
     if turned_rad < _LEAST_TURNED_RAD:
         return 0.0
-    return float(np.abs(_wrapped(by_scans_rad - by_odometry_rad)).sum()) / turned_rad
-
-
-def _wrapped(angles_rad: Array) -> Array:
-    return np.mod(angles_rad + math.pi, math.tau) - math.pi
+    return float(np.abs(wrap_angles(by_scans_rad - by_odometry_rad)).sum()) / turned_rad

@@ -18,7 +18,7 @@ import numpy as np
 from mazebot.common.config import ConfigError
 from mazebot.common.files.limits import MAX_DOCUMENT_BYTES
 from mazebot.common.files.reading import NotReadableError, read_limited, reason
-from mazebot.common.maths.frames import Array
+from mazebot.common.maths.frames import Array, wrap_angles
 
 _COLUMNS = 8
 _OUTSIDE_S = 0.5
@@ -125,7 +125,7 @@ def relation_errors(
     away_s = np.max([_from_scan_s(times_s, one[within]) for one in both], axis=0)
     error = _joined(_joined(_inverse(a), b), _inverse(relations.relative[within]))
     translation = np.hypot(error[:, 0], error[:, 1])
-    rotation = np.degrees(np.abs(_wrapped(error[:, 2])))
+    rotation = np.degrees(np.abs(wrap_angles(error[:, 2])))
     return RelationErrors(
         used,
         len(within) - used,
@@ -160,7 +160,7 @@ def _at(times_s: Array, poses: Array, wanted_s: Array, odometry: Array | None) -
     back = _joined(poses[after], _joined(_inverse(odom[2]), odom[1]))
     share = ((wanted_s - times_s[before]) / (times_s[after] - times_s[before]))[:, None]
     off = back - ahead
-    off[:, 2] = _wrapped(off[:, 2])
+    off[:, 2] = wrap_angles(off[:, 2])
     return np.asarray(ahead + share * off)
 
 
@@ -182,10 +182,6 @@ def _inverse(a: Array) -> Array:
     x = -c * a[:, 0] - s * a[:, 1]
     y = s * a[:, 0] - c * a[:, 1]
     return np.stack([x, y, -a[:, 2]], axis=1)
-
-
-def _wrapped(angles: Array) -> Array:
-    return (angles + math.pi) % math.tau - math.pi
 
 
 def _mean_and_std(values: Array) -> tuple[float, float]:

@@ -18,6 +18,11 @@ def wrap_angle(angle_rad: float) -> float:
     return (angle_rad + math.pi) % (2.0 * math.pi) - math.pi
 
 
+def wrap_angles(angles_rad: Array) -> Array:
+    """The same angles in [-pi, pi)."""
+    return np.asarray((angles_rad + math.pi) % (2.0 * math.pi) - math.pi)
+
+
 class SE2(NamedTuple):
     """A planar pose or transform `a_from_b`: the origin and heading of b, in metres and radians in
     a.

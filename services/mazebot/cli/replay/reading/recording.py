@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from mazebot.cli.logs.log import set_back_remark
 from mazebot.cli.replay.reading.replayed import Replayed
 from mazebot.common.config import ConfigError
 
@@ -56,8 +57,7 @@ class Recording:
         """What is left out and why, and what is not as it was, a line each."""
         lines = []
         if self.clock_set_back:
-            times = "once" if self.clock_set_back == 1 else f"{self.clock_set_back} times"
-            lines.append(f"the clock was set back {times}: what follows goes on from there")
+            lines.append(set_back_remark(self.clock_set_back))
         lines += [f"left out: {topic}: {reason}" for topic, reason in sorted(self.left_out.items())]
         for (topic, reason), count in sorted(self.unfit.items()):
             what = "message" if count == 1 else "messages"
