@@ -769,7 +769,9 @@ def test_misplaced_layers_are_told() -> None:
     )
     order = row_of(told, "local_costmap.plugins").note
     assert "inflation_layer should be the last: in Nav2 what obstacle_layer marks is not" in order
+    assert "lists no" not in order
     missing = row_of(told, "global_costmap.plugins").note
+    assert "lists no ObstacleLayer: there is always one here" in missing
     assert "inflation_layer.plugin is missing: Nav2 does not start without it" in missing
     for parameter, place in (
         ("local_costmap.inflation_radius", "at local_costmap.inflation_layer.inflation_radius"),

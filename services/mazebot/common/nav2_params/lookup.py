@@ -116,6 +116,11 @@ def _of_list(group: Group, prefix: str, values: Mapping[str, Value]) -> str:
                 f"{listed[at]} should be the last: in Nav2 what {', '.join(after)} marks is not "
                 "inflated; here it is"
             )
+    notes += [
+        f"lists no {alike[0]}: there is always one here"
+        for alike in group.always
+        if not set(alike) & set(kinds)
+    ]
     return "; ".join(notes)
 
 

@@ -77,6 +77,8 @@ class Group:
     the parameter that names the other's class."""
     last: str = ""
     """The class that must be listed after the others; "": none."""
+    always: tuple[tuple[str, ...], ...] = ()
+    """Classes of which there is always one here, listed or not; several are each other's like."""
     others: Namespace | None = None
     """What is taken of the parameters of any other class."""
 

@@ -96,6 +96,9 @@ _GROUPS = (
             "inflation_layer": "InflationLayer",
         },
         last="InflationLayer",
+        always=(
+            ("ObstacleLayer", "VoxelLayer"), ("InflationLayer", "LegacyInflationLayer"),
+        ),
     ),
     Group("filters", {"KeepoutFilter": _KEEPOUT, "SpeedFilter": _SPEED, "BinaryFilter": _BINARY}),
 )  # fmt: skip
