@@ -69,6 +69,21 @@ children = f"/proc/self/task/{os.getpid()}/children"
 print("children:", open(children).read() if os.path.exists(children) else "")
 """
 
+PREPARED = """
+import logging
+from mazebot.common.maths.kernels import USE_LISTENERS
+from mazebot.common.node.executive import Executive, MemoryTransport
+from mazebot.embedded.demo import DemoOptions, build_nodes
+
+logging.disable(logging.INFO)
+nodes = build_nodes(DemoOptions(record=False))
+for node in nodes:
+    node.prepare()
+USE_LISTENERS.append(lambda kernel: print(kernel.module, kernel.name))
+executive = Executive(nodes, MemoryTransport())
+executive.run(lambda: executive.now_ns >= 3e9)
+executive.close()
+"""
 SESSION = """
 import os, sys
 from mazebot import Session
@@ -123,6 +138,11 @@ def test_types_are_read_as_they_were_written() -> None:
 
 
 @pytest.mark.slow
+def test_a_service_that_is_prepared_has_nothing_left_to_compile() -> None:
+    assert run(PREPARED) == []
+
+
+@pytest.mark.slow
 def test_what_is_compiled_is_told_and_never_compiled_again(tmp_path: Path) -> None:
     first, *_, value, children = run(EXPONENTIAL, tmp_path, "all")
     assert first.startswith("compiling kernels, once: 0 of ")
@@ -161,7 +181,7 @@ def test_a_session_compiles_side_by_side_too(tmp_path: Path) -> None:
 @pytest.mark.longest
 @pytest.mark.timeout(900)
 def test_once_the_list_is_compiled_nothing_is_left(tmp_path: Path) -> None:
-    run("from mazebot.embedded.kernels import main; assert main() == 0", tmp_path)
+    run("from mazebot.embedded.kernels import compile_all; assert compile_all()", tmp_path)
     compiled = sorted(tmp_path.rglob("*.nbc"))
     run(OBSERVED, tmp_path)
     assert sorted(tmp_path.rglob("*.nbc")) == compiled

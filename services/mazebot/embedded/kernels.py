@@ -10,8 +10,10 @@ from mazebot.embedded.compile_progress import CompileProgress
 from mazebot.embedded.compiling import Compiling
 
 
-def main() -> int:
-    """Compile all of them side by side; exit code 1 if some could not be."""
+def compile_all() -> bool:
+    """Compile all of them side by side, and show progress; whether each could be, else print which
+    could not.
+    """
     compiling = Compiling(CompileProgress(Console(stderr=True)))
     try:
         compiling.compile_all()
@@ -19,8 +21,8 @@ def main() -> int:
         compiling.close()
     if compiling.failed:
         sys.stderr.write(f"error: not compiled: {', '.join(sorted(compiling.failed))}\n")
-    return 1 if compiling.failed else 0
+    return not compiling.failed
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(not compile_all())

@@ -32,6 +32,7 @@ from mazebot.navigation.drive import Drive
 from mazebot.navigation.errors import NavigationError
 from mazebot.navigation.planners import PLANNERS
 from mazebot.navigation.planning.warm_up import run_planning_kernels
+from mazebot.navigation.robot.hidden import hidden_from
 from mazebot.navigation.robot.view import View
 
 _LOG = logging.getLogger("navigation")
@@ -118,6 +119,7 @@ def _drive(drive: Drive) -> None:
             robot.costmap.static.distance_m, robot.costmap.frame,
             rays=Rays(now_ns * 1e-9, start, scan),
         )  # fmt: skip
+    hidden_from(points_m, start, scan, start)
     rays = RayMemory(1.0)
     rays.take(Rays(0.0, start, scan))
     rays.has_moved(0.0, points_m, points_m)

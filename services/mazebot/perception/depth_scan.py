@@ -131,6 +131,15 @@ def depth_scan(
     )  # fmt: skip
 
 
+def compile_kernels() -> None:
+    """Compile the kernels before the first image."""
+    looking_down = np.array(
+        [[0.0, -0.6, 0.8, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -0.8, -0.6, 0.1], [0.0, 0.0, 0.0, 1.0]]
+    )
+    intrinsics = np.array([[8.0, 0.0, 4.0], [0.0, 8.0, 4.0], [0.0, 0.0, 1.0]])
+    depth_scan(np.zeros((8, 8), np.float32), intrinsics, looking_down, 0.0, DepthScanParams())
+
+
 # All images of a camera have the same beams.
 @functools.lru_cache(maxsize=8)
 def _borders(right: float, left: float, beams: int) -> tuple[float, float, NDArray[np.int64]]:

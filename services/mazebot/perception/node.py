@@ -45,7 +45,7 @@ from mazebot.common.node.frame_tree import FrameTree
 from mazebot.common.node.node import Inbox, Node, Outbox
 from mazebot.common.world.marker_picture import marker_count, own_dictionaries
 from mazebot.perception.config import PerceptionConfig
-from mazebot.perception.depth_scan import Depths, DepthScan, depth_scan
+from mazebot.perception.depth_scan import Depths, DepthScan, compile_kernels, depth_scan
 from mazebot.perception.detect import dictionary_exists, grey_from_rgb
 from mazebot.perception.find import Findings, Found, MarkerFinder, Name
 from mazebot.perception.picture import png_from_rgb
@@ -177,7 +177,7 @@ class PerceptionNode(Node):
         """See Node."""
         nowhere = np.zeros((1, 1))
         brightness_at(np.zeros((1, 1), np.uint8), nowhere, nowhere)
-        depth_scan(np.ones((8, 8), np.float32), np.eye(3), np.eye(4), 0.0, self._config.depth_scan)
+        compile_kernels()
 
     def close(self) -> None:
         """End the thread that looks for markers."""

@@ -81,6 +81,7 @@ from mazebot.physics.camera.scene import build_scene
 from mazebot.physics.config import PhysicsConfig, steps_per_period, time_of_step_ns
 from mazebot.physics.run_control import ControlRequest, RunControl
 from mazebot.physics.rviz_messages import EntityMarkers, WheelFrames
+from mazebot.physics.sensors import raycast
 from mazebot.physics.sensors.ground_truth import ground_truth, joint_states, mover_frames
 from mazebot.physics.simulation import STEP_S, Simulation
 
@@ -301,6 +302,12 @@ class PhysicsNode(ClockNode):
         elif past >= self._epoch:
             self._epoch = past + 1
             self._publish_stats(outbox)
+
+    def prepare(self) -> None:
+        """See Node."""
+        raycast.compile_kernels()
+        if self._renderer is not None:
+            self._renderer.prepare()
 
     def close(self) -> None:
         """Close PyBullet and the renderer."""

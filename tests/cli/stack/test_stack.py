@@ -205,6 +205,27 @@ def test_ctrl_c_ends_all(port: str) -> None:
 
 
 @pytest.mark.slow
+def test_kernels_are_compiled_before_any_service_runs(port: str, tmp_path: Path) -> None:
+    command = ["-m", "mazebot.cli", "up", "--only", "worldgen", "--router-port", port]
+    with subprocess.Popen(
+        [sys.executable, *command],
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "kernels")},
+    ) as process:  # fmt: skip
+        assert process.stdout is not None
+        for line in process.stdout:
+            assert "services run" not in line
+            if line.startswith("compiling kernels, once: 0 of "):
+                break
+        process.send_signal(signal.SIGINT)
+        rest = process.stdout.read()
+        assert process.wait(20.0) == 130
+    assert "Traceback" not in rest
+    assert "services run" not in rest
+    assert StackFolder(int(port)).running() is None
+
+
+@pytest.mark.slow
 @pytest.mark.xdist_group("real_time")
 @pytest.mark.timeout(400)
 def test_a_tour_is_followed_to_its_end_and_the_services_go_on(port: str) -> None:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 _INTERRUPTED = 130
 _ACTIVE_S = 180.0
-"""Time for the services to become active; kernels may have to be compiled first."""
+"""Time for the services to become active."""
 _OTHERS_S, _LATER_S = 20.0, 3.0
 """For so long what others send is waited for, where there are some, and where they may come yet."""
 
@@ -140,6 +140,7 @@ def up(
     plan = plan_of(options)
     if plan.left_out:
         _say(f"left out, as they run on {connect} already: {', '.join(plan.left_out)}")
+    _compile_kernels()
     # What ends the command from now on ends the stack.
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.default_int_handler)
@@ -156,6 +157,16 @@ def up(
         _end(folder)
         code = _INTERRUPTED
     raise typer.Exit(code)
+
+
+def _compile_kernels() -> None:
+    """Have all kernels on the disk before any service runs: each would compile what it needs for
+    itself, beside all others, and meanwhile do nothing else.
+    """
+    from mazebot.embedded.kernels import compile_all  # noqa: PLC0415 - takes half a second
+
+    # What could not be compiled is said; the service that needs it tells why.
+    compile_all()
 
 
 def _wait(folder: StackFolder, joins: bool) -> int:

@@ -115,6 +115,9 @@ class Renderer(Protocol):
         the first scene it is black and without depth. Raises ValueError where a pose is not finite.
         """
 
+    def prepare(self) -> None:
+        """Load or compile what renders a picture, whatever the scene."""
+
     def close(self) -> None:
         """Release everything. Calling it again does nothing."""
 

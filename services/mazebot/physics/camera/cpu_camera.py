@@ -159,6 +159,10 @@ class CpuCamera:
         for help_ in helping:
             help_.result()
 
+    def prepare(self) -> None:
+        """See Renderer."""
+        compile_kernels()
+
     def close(self) -> None:
         """See Renderer."""
         if self._pool is not None:

@@ -341,6 +341,10 @@ class GlCamera:
             self._programs[shading] = program
         return self._programs[shading]
 
+    def prepare(self) -> None:
+        """See Renderer."""
+        compile_kernels()
+
     def close(self) -> None:
         """See Renderer."""
         if self._context is None:

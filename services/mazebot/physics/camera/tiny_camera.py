@@ -114,6 +114,9 @@ class TinyCamera:
             depth_m[nothing | (depth_m < nearest_m) | (depth_m > farthest_m)] = np.nan
         return Picture(np.asarray(rgb, np.uint8), depth_m)
 
+    def prepare(self) -> None:
+        """See Renderer."""
+
     def close(self) -> None:
         """See Renderer."""
         if self._client is not None:

@@ -16,7 +16,6 @@ from mazebot.physics.config import PhysicsConfig
 from mazebot.physics.sensors.raycast import (
     RayTargets,
     cast_scan,
-    compile_kernels,
     joined,
     ray_directions,
     targets_of,
@@ -81,7 +80,6 @@ class Lidar:
         self._groups: tuple[tuple[Solid, ...], ...] = ()
         self._targets_of: dict[tuple[Solid, ...], RayTargets] = {}
         self._targets = joined(())
-        compile_kernels()
 
     def read(self, stamp_ns: int) -> msg.LaserScan:
         """The scan now."""
