@@ -334,18 +334,22 @@ class LocalizationNode(Node):
     ) -> None:
         pose = msg.se2_from_pose(initial.pose.pose)
         assert self._map is not None
+        problem = ""
         if initial.header.frame_id not in ("", MAP_FRAME):
-            inbox.reject(INITIAL_POSE, "frame_id is not map")
+            problem = "frame_id is not map"
         elif not msg.grid_contains(self._map, pose.x_m, pose.y_m):
-            inbox.reject(INITIAL_POSE, "outside the map")
+            problem = "outside the map"
         else:
             index = np.ix_([0, 1, 5], [0, 1, 5])
             covariance = np.array(initial.pose.covariance, np.float64).reshape(6, 6)[index]
             try:
                 localization.initialize(pose, covariance + self._initial_covariance())
             except ValueError:
-                inbox.reject(INITIAL_POSE, "invalid covariance")
-                return
+                problem = "invalid covariance"
+        if problem:
+            inbox.reject(INITIAL_POSE, problem)
+            _LOG.warning("initial pose %.3f %.3f %.3f rejected: %s", *pose, problem)
+        else:
             _LOG.info("Setting pose: %.3f %.3f %.3f", *pose)
 
     def _take_scan(

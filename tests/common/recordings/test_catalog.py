@@ -70,10 +70,12 @@ def test_a_goal_that_the_explorer_gave_up_does_not_count(tmp_path: Path) -> None
 def test_a_damaged_or_unfinished_run_is_listed_as_far_as_it_goes(tmp_path: Path) -> None:
     make(tmp_path, "2026-11-21_14-03-07_enhanced", "{ no json", b"x")
     (make(tmp_path, "mine", ["a list"]) / LOCK).touch()
+    make(tmp_path, "without", recording=b"x")
     make(tmp_path, "no run at all")
     (tmp_path / "a file").touch()
     runs = {run.name: run for run in list_recordings(tmp_path)}
-    assert set(runs) == {"2026-11-21_14-03-07_enhanced", "mine"}
+    assert set(runs) == {"2026-11-21_14-03-07_enhanced", "mine", "without"}
+    assert (runs["without"].failed, runs["without"].problem) == (True, "summary.json: missing")
     assert runs["2026-11-21_14-03-07_enhanced"].world == "enhanced"
     assert not runs["mine"].closed
     assert runs["mine"].started is not None

@@ -187,6 +187,8 @@ def test_what_a_service_refuses_is_said_in_its_words(page: Page, run: Run) -> No
     moved = SetEntityState(name="nothing", position_m=(0.0, 0.0, 0.0))
     assert "nothing" in nothing["error"]
     assert nothing["error"] == run.robot.ask(SET_ENTITY_STATE, moved, 5.0).error
+    outside = page.ask(do="initial_pose", pose={"x_m": 500.0, "y_m": 0.0, "yaw_rad": 0.0})
+    assert outside["error"].endswith("must be inside the map")
     assert page.ask(do="cancel")["error"]
     assert page.ask(do="explore", resume=True)["error"] == "explore: no explorer service is running"
 

@@ -112,19 +112,20 @@ def _role(user: str, folder: Path) -> str:
 
 
 def _resolved(name: str) -> Iterator[tuple[str, list[str]]]:
-    """The keys of a topic, query or service; of an action those of its parts; else a key itself.
-    With each goes what one may do with it.
+    """The keys of a topic, query or service, its name also without the leading slash; of an action
+    those of its parts; else a key itself. With each goes what one may do with it.
 
     Raises ConfigError where nothing has a name.
     """
     from mazebot.common.access.matrix import named  # noqa: PLC0415
 
     of_topic, of_service = ["put", "subscribe"], ["query", "answer"]
-    if not name.startswith("/"):
+    full = f"/{name.removeprefix('/')}"
+    parts = [one for one in named(_keys()) if one.name == full]
+    parts = parts or [one for one in named(_keys()) if one.name.startswith(f"{full}/_action/")]
+    if not parts and name != full:
         yield name, [*of_topic, *of_service]
         return
-    parts = [one for one in named(_keys()) if one.name == name]
-    parts = parts or [one for one in named(_keys()) if one.name.startswith(f"{name}/_action/")]
     if not parts:
         raise ConfigError(
             f"KEY: {name!r:.60}: must be a topic, service or action: see mazebot security matrix"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import uuid
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 from typing import Any, TypeVar, cast
 
 import zenoh
@@ -36,6 +37,19 @@ Q = TypeVar("Q")
 A = TypeVar("A")
 
 
+@dataclass(eq=False)
+class _Watch:
+    topics: tuple[Topic[Any], ...]
+    receive: Receive
+    subscriptions: list[Any] = field(default_factory=list)
+
+    def end(self) -> None:
+        # An advanced subscriber that outlives its session can keep the process from ending:
+        # https://github.com/eclipse-zenoh/zenoh-python/issues/624
+        while self.subscriptions:
+            self.subscriptions.pop().undeclare()
+
+
 class ZenohRobot(Robot):
     """See Robot. Messages are passed on as CDR bytes, on Zenoh's threads."""
 
@@ -56,14 +70,14 @@ class ZenohRobot(Robot):
             self._session, self._key = join(config)
         except BusUnavailableError as error:
             raise RobotError(f"{error}; is a stack running? ({HOW_TO_START})") from error
-        self.keys, self._start_s = config.keys, start_s
+        self._config, self.keys, self._start_s = config, config.keys, start_s
         """The keys of the stack."""
         self._graph = GraphNode(self._session, graph_name(EDGE), self.keys)
         self._source, self._sequence = uuid.uuid4().hex, 0
         self._lock = threading.Lock()
         self._publishers: dict[str, Any] = {}
         self._latest: dict[str, bytes] = {}
-        self._ends: set[Callable[[], None]] = set()
+        self._watches: list[_Watch] = []
         self.watch((CLOCK,))
 
     def ask(self, query: Query[Q, A], message: Q, timeout_s: float) -> A:
@@ -118,25 +132,26 @@ class ZenohRobot(Robot):
 
     def watch(self, topics: Iterable[Topic[Any]], receive: Receive = ignore) -> Callable[[], None]:
         """See Robot."""
+        watch = _Watch(tuple(topics), receive)
+        self._watches.append(watch)
+        self._declare(watch)
 
+        def end() -> None:
+            watch.end()
+            if watch in self._watches:
+                self._watches.remove(watch)
+
+        return end
+
+    def _declare(self, watch: _Watch) -> None:
         def declare(topic: Topic[Any]) -> Any:
             def on_message(data: bytes, envelope: Envelope) -> None:
                 self._latest[topic.name] = data
-                receive(topic, data, envelope)
+                watch.receive(topic, data, envelope)
 
             return subscribe(self._session, topic, on_message, self.keys, graph=self._graph)
 
-        subscriptions = [declare(topic) for topic in topics]
-
-        def end() -> None:
-            # An advanced subscriber that outlives its session can keep the process from ending:
-            # https://github.com/eclipse-zenoh/zenoh-python/issues/624
-            while subscriptions:
-                subscriptions.pop().undeclare()
-            self._ends.discard(end)
-
-        self._ends.add(end)
-        return end
+        watch.subscriptions += [declare(topic) for topic in watch.topics]
 
     def latest(self, topic: Topic[M]) -> M | None:
         """See Robot."""
@@ -149,8 +164,34 @@ class ZenohRobot(Robot):
     def alive(self) -> Mapping[str, frozenset[str]]:
         """See Robot."""
         found = alive(self._session, self.keys)
+        if not found and self._signs_in_again():
+            found = alive(self._session, self.keys)
         # The router has a token, too.
         return {name: found[name] for name in SERVICES if name in found}
+
+    def _signs_in_again(self) -> bool:
+        """Whether the key was replaced, and the session with it: Zenoh would go on to sign in with
+        the one from before.
+        """
+        if self._key is None:
+            return False
+        try:
+            session, key = join(self._config)
+        except BusUnavailableError:
+            return False
+        if key == self._key:
+            session.close()  # type: ignore[no-untyped-call]
+            return False
+        with self._lock:
+            before, self._session, self._key = self._session, session, key
+            self._graph = GraphNode(session, graph_name(EDGE), self.keys)
+            self._publishers.clear()
+        for watch in tuple(self._watches):
+            watch.end()
+            self._declare(watch)
+        # It may hang, as the router does not let this session in any more.
+        threading.Thread(target=before.close, name="closing", daemon=True).start()
+        return True
 
     def now_ns(self) -> int:
         """See Robot."""
@@ -159,6 +200,6 @@ class ZenohRobot(Robot):
 
     def close(self) -> None:
         """See Robot."""
-        for end in tuple(self._ends):
-            end()
+        while self._watches:
+            self._watches.pop().end()
         self._session.close()  # type: ignore[no-untyped-call]

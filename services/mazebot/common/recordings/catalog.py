@@ -291,6 +291,9 @@ def _info(path: Path, files: Mapping[str, _File], values: Mapping[str, Any]) -> 
         "world": values["world"] or (match[2] if match else ""),
         "tags": tuple(values["tags"]),
     }
+    if closed and SUMMARY not in files:
+        # One that goes on, or was killed, has none yet.
+        fields["problem"] = values["problem"] or f"{SUMMARY}: missing"
     return RecordingInfo(
         name=path.name,
         path=path,

@@ -69,7 +69,12 @@ def _waypoints(robot: Robot, action: pm.Waypoints) -> str:
 
 
 def _initial_pose(robot: Robot, action: pm.InitialPose) -> str:
-    pose = action.pose.planar().se2()
+    pose, grid = action.pose.planar().se2(), robot.latest(tp.MAP)
+    # Nobody replies to a topic's message: what comes of it is told here.
+    if "localization" not in robot.alive():
+        raise RefusedError("no localization runs, which takes an initial pose")
+    if grid is not None and not msg.grid_contains(grid, pose.x_m, pose.y_m):
+        raise RefusedError(f"initial pose {_text(action.pose)}: must be inside the map")
     robot.publish(tp.INITIAL_POSE, initial_pose(robot, pose, INITIAL_STD_M, INITIAL_STD_RAD))
     return f"initial pose {_text(action.pose)} sent"
 

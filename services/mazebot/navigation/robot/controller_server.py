@@ -11,7 +11,7 @@ from pydantic import Field
 from mazebot.common.maths.frames import SE2, wrap_angle
 from mazebot.common.messages.error_codes import ErrorCode
 from mazebot.navigation.behavior.context import FollowRequest, TrackingFeedback
-from mazebot.navigation.behavior.nodes.path_parts import nearest_index, piece
+from mazebot.navigation.behavior.nodes.path_parts import begin_index, piece
 from mazebot.navigation.control.collision import Surroundings, Velocity
 from mazebot.navigation.control.controller import Control, Controller, ControllerParams, RobotLimits
 from mazebot.navigation.control.mppi.critic_params import MPPIParams
@@ -101,7 +101,7 @@ class ControllerServer:
         self.controller = controllers[params.controller]
         """The one that was used last."""
         self.followed: PlannedPath | None = None
-        self._nearest = 0
+        self.nearest = 0
         """Index of the point of that path nearest to the robot."""
         self._progress = ProgressChecker(params.progress_checker)
         self._stuck = StuckDetector(params.stuck_detector)
@@ -134,7 +134,11 @@ class ControllerServer:
         self.controller = controller
         self.followed = request.path
         # A path that is kept began further back.
-        first = self._nearest = nearest_index(request.path, pose)
+        if continues and followed is request.path:
+            first = request.path.nearest(pose.x_m, pose.y_m, self.nearest, _SEARCH_M)
+        else:
+            first = begin_index(request.path, pose)
+        self.nearest = first
         rest = piece(request.path, first, len(request.path.points_m))
         controller.set_path(rest, same_goal=continues)
         return is_new
@@ -210,13 +214,13 @@ class ControllerServer:
         path = self.followed
         if path is None:
             return TrackingFeedback(made.reached, made.distance_remaining_m)
-        self._nearest = path.nearest(pose.x_m, pose.y_m, self._nearest, _SEARCH_M)
+        self.nearest = path.nearest(pose.x_m, pose.y_m, self.nearest, _SEARCH_M)
         return TrackingFeedback(
             made.reached,
             made.distance_remaining_m,
-            path.foot(self._nearest, pose.x_m, pose.y_m).off_m,
-            wrap_angle(float(path.yaws_rad[self._nearest]) - pose.yaw_rad),
-            self._nearest,
+            path.foot(self.nearest, pose.x_m, pose.y_m).off_m,
+            wrap_angle(float(path.yaws_rad[self.nearest]) - pose.yaw_rad),
+            self.nearest,
         )
 
     def reconfigure(

@@ -102,7 +102,7 @@ class RobotContext:
         # A command is obeyed in the period after it, and the pose is as old as that again.
         late_m = abs(view.velocity.linear_m_s) * _LATE_PERIODS * server.control_period_s
         limit_m_s = speed_limit_m_s(
-            self.zones, server.followed, pose, late_m, server.params.max_linear_vel
+            self.zones, server.followed, server.nearest, pose, late_m, server.params.max_linear_vel
         )
         if view.slows_down:
             limit_m_s = min(limit_m_s, server.params.slowdown_ratio * server.params.max_linear_vel)

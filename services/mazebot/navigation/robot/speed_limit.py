@@ -7,7 +7,6 @@ import math
 import numpy as np
 
 from mazebot.common.maths.frames import SE2
-from mazebot.navigation.behavior.nodes.path_parts import nearest_index
 from mazebot.navigation.costmap.zones import Zones
 from mazebot.navigation.planning.path import PlannedPath
 
@@ -16,9 +15,15 @@ _LIMIT_DECEL_M_S2 = 0.5
 
 
 def speed_limit_m_s(
-    zones: Zones | None, path: PlannedPath | None, pose: SE2, late_m: float, highest_m_s: float
+    zones: Zones | None,
+    path: PlannedPath | None,
+    first: int,
+    pose: SE2,
+    late_m: float,
+    highest_m_s: float,
 ) -> float:
-    """The speed limit here, by the zones at the robot and along its path.
+    """The speed limit here, by the zones at the robot and along its path from the point nearest to
+    it on, `first`.
 
     It drives `late_m` until a lower speed takes effect, and follows no path where that is None.
     """
@@ -27,7 +32,6 @@ def speed_limit_m_s(
     limit_m_s = float(zones.limits_at(np.array([pose[:2]]))[0])
     if path is None:
         return limit_m_s
-    first = nearest_index(path, pose)
     # The nearest point of the path may be behind the robot.
     late_m += zones.frame.resolution_m
     ahead_m = np.maximum(path.along_m[first:] - path.along_m[first] - late_m, 0.0)

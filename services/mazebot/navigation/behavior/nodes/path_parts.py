@@ -10,6 +10,9 @@ from mazebot.common.maths import portable
 from mazebot.common.maths.frames import SE2, Array, wrap_angle
 from mazebot.navigation.planning.path import PlannedPath
 
+_BESIDE_M = 0.3
+"""A robot this much farther from a place on a path than from another one may be at either."""
+
 
 def nearest_index(
     path: PlannedPath, pose: SE2, search_m: float = math.inf, angular_distance_weight: float = 0.0
@@ -22,6 +25,20 @@ def nearest_index(
         turned = [abs(wrap_angle(float(yaw) - pose.yaw_rad)) for yaw in path.yaws_rad[:count]]
         squares = np.sqrt(squares) + angular_distance_weight * np.array(turned)
     return int(np.argmin(squares))
+
+
+def begin_index(path: PlannedPath, pose: SE2) -> int:
+    """Index of the point at which a robot at a pose takes up a path: where the path comes as near
+    to it as anywhere, or hardly less, for the first time. Later it may come by again, as the end of
+    a round does.
+    """
+    squares = portable.square(path.points_m[:, 0] - pose.x_m)
+    distances_m = np.sqrt(squares + portable.square(path.points_m[:, 1] - pose.y_m))
+    near = distances_m <= distances_m.min() + _BESIDE_M
+    first = int(np.argmax(near))
+    gone = np.flatnonzero(~near[first:])
+    end = first + int(gone[0]) if len(gone) else len(near)
+    return first + int(np.argmin(distances_m[first:end]))
 
 
 def length_left_m(path: PlannedPath, pose: SE2, search_m: float = math.inf) -> float:
