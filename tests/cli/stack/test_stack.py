@@ -309,7 +309,17 @@ def test_with_keys_the_owner_does_all_as_before_and_others_what_their_keys_let_t
     assert_one_line(mazebot("goal", "0", "0", "0", **stranger), "asks for a key")
     # Everyone's key is replaced while all runs: the services take the new ones.
     Path("old.key").write_bytes(Path("mine/operator.key").read_bytes())
-    assert mazebot("keys", "rotate", "--keys", "mine").returncode == 0
+    words = ("-m", "mazebot.cli", "goal", "3.5", "-0.5", "0")
+    with subprocess.Popen(
+        [sys.executable, *words], stderr=subprocess.PIPE, text=True, env={**os.environ, **owner}
+    ) as driving:
+        assert driving.stderr is not None
+        for line in driving.stderr:
+            if "left" in line:
+                break
+        assert mazebot("keys", "rotate", "--keys", "mine").returncode == 0
+        rest = driving.stderr.read()
+        assert driving.wait(120.0) == 0, rest
     old = owner | {"MAZEBOT_BUS_KEY_FILE": "old.key"}
     wait_until(lambda: "refuses the key" in mazebot("entities", **old).stderr, 60.0)
     wait_until(lambda: mazebot("goal", "0", "0", "0", **owner).returncode == 0, 120.0)

@@ -35,5 +35,5 @@ def test_a_path_whose_beginning_is_behind_is_taken_up_beside_the_robot() -> None
 
 def test_a_path_there_and_back_is_begun_on_the_way_there() -> None:
     there = np.linspace((0.0, 0.0), (3.0, 0.0), 31)
-    back = path_through(np.concatenate((there, there[::-1] + (0.0, 0.02))), 0.0)
+    back = path_through(np.concatenate((there, there[::-1] + np.array([0.0, 0.02]))), 0.0)
     assert begin_index(back, SE2(1.0, 0.05, 0.0)) == 10
