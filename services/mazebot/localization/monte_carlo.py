@@ -53,6 +53,7 @@ from mazebot.localization.candidates import (
     RIVAL,
     WIDE_M,
     Candidates,
+    explains_all,
     nowhere,
     poses_beside,
     std_m,
@@ -558,6 +559,7 @@ class Localization:
         """
         is_mapped = counts[UNMAPPED] <= _UNMAPPED_SHARE * max(view.returns, 1)
         spread_m = std_m(self._set.covariance)
+        is_wide = spread_m > WIDE_M
         if not (is_mapped or self._monitor.is_suspect):
             share = f"{100.0 * counts[UNMAPPED] / view.returns:.0f} % of the returns"
             self._reasons = (f"{share} come from where the map shows nothing",)
@@ -575,19 +577,23 @@ class Localization:
             self._reasons = (share,)
         if self._monitor.is_hopeless(stamp_ns):
             self._give_up(share)
-        elif enough and self._monitor.wants_search(stamp_ns, spread_m > WIDE_M):
+        elif enough and self._monitor.wants_search(stamp_ns, is_wide):
             # Another one is sought everywhere, a right one where it may be.
+            suspect, beside = self._monitor.is_suspect, None
             near_m = BESIDE_M + _SIGMAS * spread_m
-            found = self._search_map(view, math.inf if self._monitor.is_suspect else near_m)
-            beside = poses_beside(found, view, self._set.pose, self._set.covariance, likelihood)
+            found = self._search_map(view, math.inf if suspect else near_m)
+            if suspect or is_wide:
+                beside = poses_beside(found, view, self._set.pose, self._set.covariance, likelihood)
             if beside is not None:
                 # The particles were too few to be near them.
                 self._set.begin_at(beside.poses, beside.weights, np.diag(FOUND_VARIANCES))
                 self._trust("the scans match the map beside the estimate", beside.quality)
-            elif self._monitor.is_suspect and self._is_outweighed(
-                odom_from_base, view, counts, found
-            ):
+            elif suspect and self._is_outweighed(odom_from_base, view, counts, found):
                 self._give_up(share + "; another pose matches better, or none")
+            elif self._monitor.is_poor and explains_all(
+                found if suspect else self._search_map(view, math.inf), view, likelihood
+            ):
+                self._give_up(share + "; another pose explains nearly all")
             elif spread_m > _SPREAD_OUT_M:
                 self._give_up(f"the estimate's standard deviation is {spread_m:.1f} m")
 

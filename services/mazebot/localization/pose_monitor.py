@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from mazebot.common.maths import portable
 from mazebot.common.maths.frames import SE2, Array
 from mazebot.localization import particle_filter as pf
-from mazebot.localization.candidates import GATE
+from mazebot.localization.candidates import CERTAIN_QUALITY, GATE
 from mazebot.localization.marker_model import Sighting
 from mazebot.localization.params import LocalizationParams
 
@@ -47,6 +47,7 @@ class PoseMonitor:
         self._consistency = 1.0
         self._slow = 1.0
         self._suspect_ns: int | None = None
+        self._poor_ns: int | None = None
         self._hopeless_ns: int | None = None
         self._searched_ns: int | None = None
         self._strike: _Strike | None = None
@@ -58,6 +59,11 @@ class PoseMonitor:
         """Whether far more contradicts the pose than in the long mean."""
         return self._suspect_ns is not None
 
+    @property
+    def is_poor(self) -> bool:
+        """Whether the pose leaves much unexplained, be it by things that are not on the map."""
+        return self._poor_ns is not None
+
     def add(self, stamp_ns: int, quality: float, consistency: float) -> None:
         """Add a scan's quality and consistency at the pose, of which the latter is judged as in
         augmented MCL (Probabilistic Robotics, 8.3).
@@ -65,6 +71,10 @@ class PoseMonitor:
         p = self._params
         self.quality += p.recovery_alpha_fast * (quality - self.quality)
         self._consistency += p.recovery_alpha_fast * (consistency - self._consistency)
+        if self.quality >= CERTAIN_QUALITY:
+            self._poor_ns = None
+        elif self._poor_ns is None:
+            self._poor_ns = stamp_ns
         suspect = self._consistency < p.suspect_quality * self._slow
         if not suspect:
             self._slow += p.recovery_alpha_slow * (consistency - self._slow)
@@ -82,11 +92,11 @@ class PoseMonitor:
         return self._hopeless_ns is not None and stamp_ns - self._hopeless_ns >= _HOPELESS_S * 1e9
 
     def wants_search(self, stamp_ns: int, is_wide: bool) -> bool:
-        """Whether another pose should be sought now, for a suspect or a wide estimate; True but
-        once in two seconds.
+        """Whether another pose should be sought now, for a suspect, a poor or a wide estimate; True
+        but once in two seconds.
         """
-        suspect_ns, lost_after_ns = self._suspect_ns, self._params.lost_after_s * 1e9
-        is_due = suspect_ns is not None and stamp_ns - suspect_ns >= lost_after_ns
+        since_ns, lost_after_ns = (self._suspect_ns, self._poor_ns), self._params.lost_after_s * 1e9
+        is_due = any(one is not None and stamp_ns - one >= lost_after_ns for one in since_ns)
         if not (is_due or is_wide):
             return False
         if self._searched_ns is not None and stamp_ns - self._searched_ns < _SEARCH_AGAIN_S * 1e9:
