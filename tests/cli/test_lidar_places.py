@@ -18,8 +18,10 @@ from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import (
     SE2,
     Array,
+    inverse_matrix,
     rotation_from_rpy,
     transform_matrix,
+    wrap_angles,
 )
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.scan import Mount, Scan
@@ -53,11 +55,13 @@ def write(
     space: str = "",
     stamps_ns: Iterable[int] = range(0, 20 * STEP_NS, STEP_NS),
     moving: tuple[str, str] | None = None,
+    child: str = "base_footprint",
+    base_from_child: Array | None = None,
     increment_rad: float = 0.1,
 ) -> Path:
-    """A bag: a pose, 0.1 m further each, as odometry or as a moving transform, and a scan of each
-    lidar at each stamp; each is logged 1 ms after it, or BEGUN_NS and half a second a step if its
-    stamp is 0.
+    """A bag: a pose, 0.1 m further each and turned by 0.2, of what is fixed to the base that drives
+    so, as odometry or as a moving transform, and a scan of each lidar at each stamp; each is logged
+    1 ms after it, or BEGUN_NS and half a second a step if its stamp is 0.
     """
     store = msg.TYPESTORE
     with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
@@ -74,17 +78,19 @@ def write(
             put("/tf_static", "tf2_msgs/msg/TFMessage", 0, msg.TFMessage(fixed))
         for step, stamp_ns in enumerate(stamps_ns):
             log_ns = BEGUN_NS + step * STEP_NS
-            pose = SE2(0.1 * step, 0.0, 0.0)
+            pose = driven(step).matrix()
+            if base_from_child is not None:
+                pose = pose @ base_from_child
             if moving is None:
                 still = msg.Twist(msg.Vector3(0.0, 0.0, 0.0), msg.Vector3(0.0, 0.0, 0.0))
                 odometry = msg.Odometry(
-                    msg.header(stamp_ns, "odom"), "base_footprint",
-                    msg.PoseWithCovariance(msg.pose_from_se2(pose), np.zeros(36)),
+                    msg.header(stamp_ns, "odom"), child,
+                    msg.PoseWithCovariance(msg.pose_from_matrix(pose), np.zeros(36)),
                     msg.TwistWithCovariance(still, np.zeros(36)),
                 )  # fmt: skip
                 put("/odom", "nav_msgs/msg/Odometry", log_ns, odometry)
             else:
-                moved = msg.planar_transform_stamped(stamp_ns, *moving, pose)
+                moved = msg.transform_stamped(stamp_ns, *moving, pose)
                 put("/tf", "tf2_msgs/msg/TFMessage", log_ns, msg.TFMessage([moved]))
             for frame in frames:
                 sweep = msg.LaserScan(
@@ -93,6 +99,10 @@ def write(
                 )  # fmt: skip
                 put("/scan", "sensor_msgs/msg/LaserScan", log_ns + 1_000_000, sweep)
     return folder
+
+
+def driven(step: int) -> Link:
+    return Link("odom", "base", (0.1 * step, 0.0, 0.0), (0.0, 0.0, 0.2 * step))
 
 
 def read(bag: Path, topics: Topics | None = None) -> Log:
@@ -143,6 +153,78 @@ def test_a_lidar_is_where_all_transforms_together_have_it(
     log = read(write(tmp_path / "bag", links))
     np.testing.assert_allclose(hits_m(scans_of(log)[0]), by_hand_m(links), atol=1e-6)
     assert not log.warning_of_place()
+
+
+CAMERA = Link("base_link", "camera_pose_frame", (0.25, 0.1, 0.2), (UPSIDE_DOWN, 0.0, 0.5))
+AHEAD = Link("base_footprint", "base_link", (0.3, 0.0, 0.1), (0.0, 0.0, math.pi / 2))
+ON_LINK = Link("base_link", "base_scan", (-0.05, 0.02, 0.2))
+
+
+def turned_round(link: Link) -> Link:
+    """The same transform from the child, in a tree that the child is the root of."""
+    matrix = inverse_matrix(link.matrix())
+    roll = math.atan2(matrix[2, 1], matrix[2, 2])
+    yaw = math.atan2(matrix[1, 0], matrix[0, 0])
+    x_m, y_m, z_m = matrix[:3, 3].tolist()
+    return Link(link.child, link.parent, (x_m, y_m, z_m), (roll, 0.0, yaw))
+
+
+@pytest.mark.parametrize("by_transform", [False, True])
+@pytest.mark.parametrize(
+    ("links", "base_from_child", "child"),
+    [
+        ((AHEAD, ON_LINK), AHEAD.matrix(), "base_link"),
+        ((AHEAD, ON_LINK, CAMERA), AHEAD.matrix() @ CAMERA.matrix(), "camera_pose_frame"),
+        ((AHEAD, ON_LINK), AHEAD.matrix() @ ON_LINK.matrix(), "base_scan"),
+        ((ON_LINK, turned_round(CAMERA)), CAMERA.matrix(), "camera_pose_frame"),
+        ((ON_LINK, turned_round(AHEAD)), np.linalg.inv(AHEAD.matrix()), "base_footprint"),
+    ],
+)
+def test_odometry_of_another_frame_is_that_of_the_base(
+    tmp_path: Path,
+    links: tuple[Link, ...],
+    base_from_child: Array,
+    child: str,
+    by_transform: bool,
+) -> None:
+    moving = ("odom", child) if by_transform else None
+    bag = write(
+        tmp_path / "bag", links, moving=moving, child=child, base_from_child=base_from_child
+    )
+    log = read(bag)
+    assert not log.warning_of_place()
+    poses = np.array([one.odom_from_base for one in log.entries if one.odom_from_base])
+    by_hand = np.array([(0.1 * i, 0.0, 0.2 * i) for i in range(20)])
+    np.testing.assert_allclose(poses[:, :2], by_hand[:, :2], atol=1e-9)
+    np.testing.assert_allclose(wrap_angles(poses[:, 2] - by_hand[:, 2]), 0.0, atol=1e-9)
+    chain = links[:2] if links[0] is AHEAD else links[:1]
+    np.testing.assert_allclose(hits_m(scans_of(log)[0]), by_hand_m(chain), atol=1e-6)
+
+
+@pytest.mark.parametrize("moving", [None, ("odom", "chassis")])
+def test_what_odometry_is_of_is_the_robot_where_there_is_no_base(
+    tmp_path: Path, moving: tuple[str, str] | None
+) -> None:
+    link = Link("chassis", "laser", (0.2, 0.0, 0.2), (0.0, 0.0, math.pi))
+    bag = write(tmp_path / "bag", [link], frames=("laser",), moving=moving, child="chassis")
+    log = read(bag)
+    assert not log.warning_of_place()
+    np.testing.assert_allclose(hits_m(scans_of(log)[0]), by_hand_m([link]), atol=1e-6)
+
+
+def test_odometry_of_a_frame_that_is_nowhere_on_the_robot_is_told(tmp_path: Path) -> None:
+    log = read(write(tmp_path / "bag", child="camera_pose_frame"))
+    assert "'camera_pose_frame', the child frame of odometry" in log.warning_of_place()
+    assert "--lidar" in log.warning_of_place()
+
+
+@pytest.mark.parametrize("child", ["", "base_link", "robot1/base_footprint"])
+def test_odometry_of_no_frame_or_of_a_base_without_transforms_is_the_robots(
+    tmp_path: Path, child: str
+) -> None:
+    log = read(write(tmp_path / "bag", child=child))
+    assert not log.warning_of_place()
+    assert drives_on(log)
 
 
 def test_a_lidar_that_is_tilted_is_refused(tmp_path: Path) -> None:

@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mazebot.cli.bags.bag import Bag, opened, problem_of
-from mazebot.cli.logs.frames import BASES, FixedFrames, last_part
-from mazebot.cli.logs.log import Entry, Log, LoggedScan, Topics
+from mazebot.cli.logs.frames import FixedFrames, last_part
+from mazebot.cli.logs.log import BASES, Entry, Log, LoggedScan, Topics
 from mazebot.common.config import ConfigError
-from mazebot.common.maths.frames import se2_from_matrix
+from mazebot.common.maths.frames import SE2, Array, se2_from_matrix
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.scan import Mount
 from mazebot.common.problems import words
@@ -36,6 +36,30 @@ class _Told(NamedTuple):
     says: Any
 
 
+class _Moved(NamedTuple):
+    """A pose of odometry."""
+
+    frame: str
+    """Whose pose it is, as `child_frame_id` says."""
+    odom_from_frame: Array
+    """(4, 4)"""
+
+
+class _Places(NamedTuple):
+    """What the fixed transforms say of lidars and odometry; None: they do not lead there."""
+
+    mounts: dict[str, Mount | None]
+    """By the frames of the scans."""
+    frame_from_base: dict[str, Array | None]
+    """By the frames of odometry."""
+
+    @property
+    def are_known(self) -> bool:
+        return None not in self.mounts.values() and all(
+            one is not None for one in self.frame_from_base.values()
+        )
+
+
 @dataclass
 class _Found:
     """What the messages of a bag say, in the order of logging."""
@@ -43,7 +67,7 @@ class _Found:
     scans: list[_Told] = field(default_factory=list)
     odometry: list[_Told] = field(default_factory=list)
     transforms: dict[tuple[str, str], list[_Told]] = field(default_factory=dict)
-    """Of a base that moves, by its parent and itself."""
+    """Of what moves as the robot does, by its parent and itself."""
     frames: FixedFrames = field(default_factory=FixedFrames)
     without_number: int = 0
     """Poses of odometry that are not finite."""
@@ -54,6 +78,11 @@ class _Found:
     def lidars(self) -> list[str]:
         """The frames of the scans."""
         return sorted({told.says.frame_id for told in self.scans})
+
+    @property
+    def poses(self) -> list[_Told]:
+        """Those of odometry's topic, or else of `/tf`."""
+        return self.odometry or _of_robot(self.transforms, self.lidars)
 
 
 def read(path: Path, topics: Topics) -> Log:
@@ -67,10 +96,11 @@ def read(path: Path, topics: Topics) -> Log:
     types = {topics.odom: _ODOMETRY, topics.scan: _SCAN, **dict.fromkeys(static, _TRANSFORMS)}
     with opened(path, "--log") as bag:
         _take(found, bag, path, types, static)
-        mounts = _mounts(path, found)
-        if not found.odometry or (None in mounts.values() and moving & bag.topics_of(_TRANSFORMS)):
+        places = _places(path, found)
+        are_missing = not places.are_known and moving & bag.topics_of(_TRANSFORMS)
+        if not found.odometry or are_missing:
             _take(found, bag, path, dict.fromkeys(moving, _TRANSFORMS), static)
-            mounts = _mounts(path, found)
+            places = _places(path, found)
         # First, for it may be why a topic has no messages.
         for file, what in bag.damaged.items():
             sys.stderr.write(f"warning: --log: {words(path)}: left out: {words(file)}: {what}\n")
@@ -83,15 +113,15 @@ def read(path: Path, topics: Topics) -> Log:
             raise ConfigError(_missing(path, bag, topics.scan, _SCAN, "--scan-topic"))
         if not found.odometry and not found.transforms:
             raise ConfigError(_missing(path, bag, topics.odom, _ODOMETRY, "--odom-topic"))
-    return _log(found, mounts)
+    return _log(found, places)
 
 
-def _log(found: _Found, mounts: Mapping[str, Mount | None]) -> Log:
-    poses = found.odometry or _of_base(found.transforms, found.lidars)
+def _log(found: _Found, places: _Places) -> Log:
+    poses, mounts = found.poses, places.mounts
     steps_ns: list[int] = []
     lag_ns = _lag_ns([*poses, *found.scans])
     entries = [
-        Entry(time_ns, told.says, None)
+        Entry(time_ns, _odom_from_base(told.says, places), None)
         for time_ns, told in zip(_times_ns(poses, lag_ns, steps_ns), poses, strict=True)
     ]
     entries += [
@@ -106,14 +136,34 @@ def _log(found: _Found, mounts: Mapping[str, Mount | None]) -> Log:
         odometry_left_out=found.without_number,
         scans_left_out=found.without_direction,
         unplaced=tuple(frame for frame in found.lidars if mounts[frame] is None),
+        odometry_of=tuple(
+            frame
+            for frame, frame_from_base in places.frame_from_base.items()
+            if frame_from_base is None and frame and last_part(frame) not in BASES
+        ),
     )
 
 
-def _mounts(path: Path, found: _Found) -> dict[str, Mount | None]:
+def _places(path: Path, found: _Found) -> _Places:
+    """Where the lidars are on the base, and odometry's frames; the base is that of the lidars, or
+    where they have none, what odometry is of.
+    """
+    lidars, frames = found.lidars, found.frames
+    moved = list(dict.fromkeys(told.says.frame for told in found.poses))
+    bases = [base for frame in (*lidars, *moved) if (base := frames.base_of(frame))]
+    base = (*bases, *moved, "")[0]
     try:
-        return {frame: found.frames.mount_of(frame) for frame in found.lidars}
+        mounts = {frame: frames.mount_of(frame, frames.base_of(frame) or base) for frame in lidars}
     except ConfigError as error:
         raise ConfigError(f"--log: {path}: {error}") from error
+    return _Places(mounts, {frame: frames.transform(frame, base) for frame in moved})
+
+
+def _odom_from_base(moved: _Moved, places: _Places) -> SE2:
+    frame_from_base = places.frame_from_base[moved.frame]
+    if frame_from_base is None:
+        return se2_from_matrix(moved.odom_from_frame)
+    return se2_from_matrix(moved.odom_from_frame @ frame_from_base)
 
 
 def _mounted(scan: LoggedScan, mount: Mount | None) -> LoggedScan:
@@ -127,16 +177,18 @@ def _mounted(scan: LoggedScan, mount: Mount | None) -> LoggedScan:
     )
 
 
-def _of_base(
+def _of_robot(
     transforms: Mapping[tuple[str, str], list[_Told]], lidars: Collection[str]
 ) -> list[_Told]:
     """The poses of the robot that has these lidars, in odometry's frame where it has one."""
+    if not transforms:
+        return []
     prefixes = {frame.rpartition("/")[0] for frame in lidars}
 
-    def rank(ends: tuple[str, str]) -> tuple[bool, bool, int]:
+    def rank(ends: tuple[str, str]) -> tuple[bool, bool, bool, int]:
         parent, child = ends
-        is_own = child.rpartition("/")[0] in prefixes
-        return is_own, "odom" in last_part(parent), len(transforms[ends])
+        is_own, is_base = child.rpartition("/")[0] in prefixes, last_part(child) in BASES
+        return is_own, is_base, "odom" in last_part(parent), len(transforms[ends])
 
     return transforms[max(transforms, key=rank)]
 
@@ -229,21 +281,23 @@ def _add_transforms(found: _Found, log_ns: int, message: Any, is_static: bool) -
             found.without_number += 1
         elif is_static:
             found.frames.fix(child, parent, matrix)
-        elif last_part(child) in BASES and last_part(parent) not in BASES:
+        elif last_part(parent) not in BASES and (
+            last_part(child) in BASES or "odom" in last_part(parent)
+        ):
             stamp_ns = msg.ns_from_time(transform.header.stamp)
             poses = found.transforms.setdefault((parent, child), [])
-            poses.append(_Told(log_ns, stamp_ns, se2_from_matrix(matrix)))
+            poses.append(_Told(log_ns, stamp_ns, _Moved(child, matrix)))
         else:
             # Where nothing latches, fixed transforms come again and again.
             found.frames.fix_first(child, parent, matrix)
 
 
 def _add_pose(found: _Found, log_ns: int, message: Any) -> None:
-    pose = msg.se2_from_pose(message.pose.pose)
-    if not all(map(math.isfinite, pose)):
+    moved = _Moved(message.child_frame_id.lstrip("/"), msg.matrix_from_pose(message.pose.pose))
+    if not all(map(math.isfinite, se2_from_matrix(moved.odom_from_frame))):
         found.without_number += 1
         return
-    found.odometry.append(_Told(log_ns, msg.ns_from_time(message.header.stamp), pose))
+    found.odometry.append(_Told(log_ns, msg.ns_from_time(message.header.stamp), moved))
 
 
 def _add_scan(found: _Found, log_ns: int, message: Any) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from mazebot.common.messages.scan import Scan
 
 
+BASES = ("base_footprint", "base_link")
+"""A robot's own frame, the one on the floor first."""
 CLOCK_SET_S = 10.0
 """A clock that goes back by more, and on from there, was set or has run over."""
 _MADE_UP_S = 1.0
@@ -86,6 +88,10 @@ class Log:
     """Scans whose beams have no direction: angles that are not finite, or an increment of 0."""
     unplaced: tuple[str, ...] = ()
     """Frames of lidars of which the log should say where they are, and does not."""
+    odometry_of: tuple[str, ...] = ()
+    """Frames, other than the base, whose poses odometry has, and the log does not say where on the
+    robot they are.
+    """
 
     @property
     def scans(self) -> int:
@@ -117,15 +123,22 @@ class Log:
         return found
 
     def warning_of_place(self) -> str:
-        """What to say where a lidar's pose is not known, in one line; empty: it is."""
-        frames = ", ".join(f"{frame!r:.60}" for frame in self.unplaced)
-        if not frames:
-            return ""
-        return (
-            f"no transforms lead from the scans' frame {frames} to base_footprint or base_link: "
-            f"the lidar is taken to be at {BASE_FROM_SCAN.x_m} 0 0 on the robot: --lidar says "
-            "where it is"
-        )
+        """What to say where it is not known how the lidar is to what odometry has the pose of, in
+        one line; empty: it is.
+        """
+        bases, told = " or ".join(BASES), []
+        if self.unplaced:
+            told.append(
+                f"no transforms lead from the scans' frame {_named(self.unplaced)} to {bases}: "
+                f"the lidar is taken to be at {BASE_FROM_SCAN.x_m} 0 0 on the robot: --lidar says "
+                "where it is"
+            )
+        if self.odometry_of:
+            told.append(
+                f"no transforms lead from {_named(self.odometry_of)}, the child frame of odometry, "
+                f"to {bases}: it is taken to be the robot's: --lidar says where the lidar is in it"
+            )
+        return "; ".join(told)
 
     def steps(self) -> Iterator[Entry]:
         """Odometry and scans one at a time, a scan after the odometry that follows it: its own time
@@ -141,6 +154,10 @@ class Log:
                 yield from waiting
                 waiting = []
         yield from waiting
+
+
+def _named(frames: Iterable[str]) -> str:
+    return ", ".join(f"{frame!r:.60}" for frame in frames)
 
 
 def set_back_remark(count: int) -> str:
