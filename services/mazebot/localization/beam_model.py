@@ -31,7 +31,7 @@ _HIT_STD_M = 0.05
 BEFORE_M = 0.06
 IN_WALL_M = -0.02
 """A signed distance below this is inside a wall."""
-_LEAST_BEAMS = 5
+LEAST_BEAMS = 5
 """Fewer beams than this contradict nothing."""
 THROUGH_WEIGHT = 3.0
 """Beams through walls weigh so much more: nothing that moves can cause them."""
@@ -217,7 +217,7 @@ def qualities(counts: Array, dynamic_share: float) -> Array:
     total = judged + THROUGH_WEIGHT * counts[:, THROUGH]
     short = np.minimum(counts[:, SHORT], dynamic_share * (judged + counts[:, THROUGH]))
     explained = counts[:, HIT] + short
-    few = total < _LEAST_BEAMS
+    few = total < LEAST_BEAMS
     return np.asarray(np.where(few, 1.0, explained / np.maximum(total, 1.0)))
 
 
@@ -231,7 +231,7 @@ def consistencies(counts: Array) -> Array:
     """
     against = counts[:, MISFIT] + counts[:, MISSING] + THROUGH_WEIGHT * counts[:, THROUGH]
     total = counts[:, HIT] + counts[:, SHORT] + against
-    return np.asarray(np.where(total < _LEAST_BEAMS, 1.0, 1.0 - against / np.maximum(total, 1.0)))
+    return np.asarray(np.where(total < LEAST_BEAMS, 1.0, 1.0 - against / np.maximum(total, 1.0)))
 
 
 def refutations(counts: Array, likelihood_weight: float) -> Array:

@@ -25,6 +25,7 @@ from mazebot.common.messages.scan import Scan
 from mazebot.localization import particle_filter as pf
 from mazebot.localization.beam_model import (
     HIT,
+    LEAST_BEAMS,
     MISFIT,
     MISS_COST,
     MISSING,
@@ -349,13 +350,15 @@ class Localization:
         """Correct the pose by a scan; True if the scan was used.
 
         Ranges outside [range_min, range_max) or not finite are no returns. A scan is not used if
-        the robot hardly moved since the last one, if it has few returns, or if there is no odometry
-        for its stamp. Where the pose is sought, it is weighed at the poses that it may have.
+        the robot hardly moved since the last one, if it has few returns, if there is no odometry
+        for its stamp, or if its description is not valid. Where the pose is sought, it is weighed
+        at the poses that it may have.
         """
         odom_from_base = self._history.at(scan.stamp_ns)
         if odom_from_base is None or not self._is_begun:
             return False
-        if not (math.isfinite(scan.angle_min_rad) and math.isfinite(scan.angle_increment_rad)):
+        angles_rad = (scan.angle_min_rad, scan.angle_increment_rad)
+        if not (all(map(math.isfinite, angles_rad)) and scan.has_limits):
             return False
         p = self._params
         limited = replace(
@@ -504,7 +507,11 @@ class Localization:
         elif used:
             # On open floor there is only odometry, and the spread grows step by step.
             self._set.measure_spread()
-        self._judge(stamp_ns, odom_from_base, view, enough)
+        # NaN, 0 and what else is no measurement tells of no wall, nor of open floor.
+        if len(view.ranges_m) >= min(LEAST_BEAMS, self._params.min_returns):
+            self._judge(stamp_ns, odom_from_base, view, enough)
+        if self._state == "localized" and not enough:
+            self._doubt_spread()
         return used and enough
 
     def _mapped_points(self, view: ScanView) -> tuple[Array, Array]:
@@ -594,8 +601,13 @@ class Localization:
                 found if suspect else self._search_map(view, math.inf), view, likelihood
             ):
                 self._give_up(share + "; another pose explains nearly all")
-            elif spread_m > _SPREAD_OUT_M:
-                self._give_up(f"the estimate's standard deviation is {spread_m:.1f} m")
+            else:
+                self._doubt_spread()
+
+    def _doubt_spread(self) -> None:
+        spread_m = std_m(self._set.covariance)
+        if spread_m > _SPREAD_OUT_M:
+            self._give_up(f"the estimate's standard deviation is {spread_m:.1f} m")
 
     def _judge_given(self, given: _Given, view: ScanView, fit: _Fit) -> None:
         """Confirm the initial pose by a scan, or doubt it."""

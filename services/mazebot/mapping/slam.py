@@ -122,7 +122,7 @@ _ROUND_RAD = 5.5
 
 
 NO_ODOMETRY = "without odometry at their time"
-NOT_FINITE = "with angles or a range that are not finite"
+NOT_VALID = "with angles or a range_min that are not finite, or a range_max that is not larger"
 NOT_LATER = "not later than the one before"
 TOO_SOON = "within minimum_time_interval"
 CARRIED_OFF = "after the robot was carried off"
@@ -324,7 +324,7 @@ class Slam:
         """Correct the pose by a scan, and add to the map what it shows; True if it was used.
 
         A scan is not used if it is not later than the last one, if there is no odometry for its
-        stamp, if its description is not finite, or while the robot is lost.
+        stamp, if its description is not valid, or while the robot is lost.
         """
         p, stamp_ns = self._params, scan.stamp_ns
         odom_from_base = self._history.at(stamp_ns)
@@ -332,8 +332,8 @@ class Slam:
             self.left_out[NO_ODOMETRY] += 1
             return False
         described = (scan.angle_min_rad, scan.angle_increment_rad, *scan.base_from_scan)
-        if not all(map(math.isfinite, described)) or math.isnan(scan.range_max_m):
-            self.left_out[NOT_FINITE] += 1
+        if not (all(map(math.isfinite, described)) and scan.has_limits):
+            self.left_out[NOT_VALID] += 1
             return False
         if self._scanned is not None:
             elapsed_s = (stamp_ns - self._scanned[0]) * 1e-9

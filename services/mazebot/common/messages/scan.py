@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,6 +65,11 @@ class Scan:
             mount.base_from_scan,
             ns_from_time(message.header.stamp),
         )
+
+    @property
+    def has_limits(self) -> bool:
+        """Whether a range can lie within its limits: `range_max` may be inf, neither may be NaN."""
+        return math.isfinite(self.range_min_m) and self.range_min_m < self.range_max_m
 
     def directions(self) -> Array:
         """(n, 2) unit vectors of the beams in base_footprint."""
