@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,6 +29,7 @@ from mazebot.common.messages.scan import Mount, Scan
 UPSIDE_DOWN = math.pi
 STEP_NS = 500_000_000
 BEGUN_NS = 1_700_000_000_000_000_000
+RANGES_M = np.linspace(1.0, 2.0, 21)
 
 
 @dataclass(frozen=True)
@@ -58,10 +59,13 @@ def write(
     child: str = "base_footprint",
     base_from_child: Array | None = None,
     increment_rad: float = 0.1,
+    limits_m: Sequence[tuple[float, float]] = ((0.1, 9.0),),
+    ranges_m: Array = RANGES_M,
 ) -> Path:
     """A bag: a pose, 0.1 m further each and turned by 0.2, of what is fixed to the base that drives
     so, as odometry or as a moving transform, and a scan of each lidar at each stamp; each is logged
-    1 ms after it, or BEGUN_NS and half a second a step if its stamp is 0.
+    1 ms after it, or BEGUN_NS and half a second a step if its stamp is 0. The limits of the scans
+    come in turn.
     """
     store = msg.TYPESTORE
     with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
@@ -94,8 +98,9 @@ def write(
                 put("/tf", "tf2_msgs/msg/TFMessage", log_ns, msg.TFMessage([moved]))
             for frame in frames:
                 sweep = msg.LaserScan(
-                    msg.header(stamp_ns, frame), -1.0, 1.0, increment_rad, 0.0, 0.1, 0.1, 9.0,
-                    np.linspace(1.0, 2.0, 21, dtype=np.float32), np.zeros(0, np.float32),
+                    msg.header(stamp_ns, frame), -1.0, 1.0, increment_rad, 0.0, 0.1,
+                    *limits_m[step % len(limits_m)],
+                    ranges_m.astype(np.float32), np.zeros(0, np.float32),
                 )  # fmt: skip
                 put("/scan", "sensor_msgs/msg/LaserScan", log_ns + 1_000_000, sweep)
     return folder

@@ -14,7 +14,7 @@ import numpy as np
 
 from mazebot.cli.bags.bag import Bag, opened, problem_of
 from mazebot.cli.logs.frames import FixedFrames, last_part
-from mazebot.cli.logs.log import BASES, Entry, Log, LoggedScan, Topics
+from mazebot.cli.logs.log import BASES, Entry, Log, LoggedScan, ScanForm, Topics
 from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import SE2, Array, se2_from_matrix
 from mazebot.common.messages import messages as msg
@@ -64,6 +64,8 @@ class _Places(NamedTuple):
 class _Found:
     """What the messages of a bag say, in the order of logging."""
 
+    form: ScanForm
+    """What is given of the scans."""
     scans: list[_Told] = field(default_factory=list)
     odometry: list[_Told] = field(default_factory=list)
     transforms: dict[tuple[str, str], list[_Told]] = field(default_factory=dict)
@@ -73,6 +75,10 @@ class _Found:
     """Poses of odometry that are not finite."""
     without_direction: int = 0
     """Scans whose beams have no direction."""
+    without_limits: int = 0
+    """Scans whose limits hold no range."""
+    wrong_limits: str = ""
+    """The last of these."""
 
     @property
     def lidars(self) -> list[str]:
@@ -85,12 +91,13 @@ class _Found:
         return self.odometry or _of_robot(self.transforms, self.lidars)
 
 
-def read(path: Path, topics: Topics) -> Log:
-    """Read scans and odometry, the latter from `/tf` where the bag has none on its own topic.
+def read(path: Path, form: ScanForm, topics: Topics) -> Log:
+    """Read scans and odometry, the latter from `/tf` where the bag has none on its own topic. Of
+    the scans' form, the limits of the ranges may be given.
 
     Raises ConfigError with one line that names file and topic, and what is wrong.
     """
-    found = _Found()
+    found = _Found(form)
     spaces = {"", topics.scan.rstrip("/").rpartition("/")[0]}
     moving, static = ({f"{space}{name}" for space in spaces} for name in (_MOVING, _STATIC))
     types = {topics.odom: _ODOMETRY, topics.scan: _SCAN, **dict.fromkeys(static, _TRANSFORMS)}
@@ -108,6 +115,11 @@ def read(path: Path, topics: Topics) -> Log:
             raise ConfigError(
                 f"--log: {path}: {topics.scan}: angle_min and angle_increment must be finite "
                 "radians, and the increment not 0"
+            )
+        if not found.scans and found.without_limits:
+            raise ConfigError(
+                f"--log: {path}: {topics.scan}: {found.wrong_limits}: must be metres, and "
+                "range_max larger: --range-min and --range-max replace them"
             )
         if not found.scans:
             raise ConfigError(_missing(path, bag, topics.scan, _SCAN, "--scan-topic"))
@@ -135,6 +147,7 @@ def _log(found: _Found, places: _Places) -> Log:
         clock_set_back=len(steps_ns),
         odometry_left_out=found.without_number,
         scans_left_out=found.without_direction,
+        scans_without_limits=found.without_limits,
         unplaced=tuple(frame for frame in found.lidars if mounts[frame] is None),
         odometry_of=tuple(
             frame
@@ -305,12 +318,19 @@ def _add_scan(found: _Found, log_ns: int, message: Any) -> None:
     if not (math.isfinite(angle_min_rad) and math.isfinite(step_rad) and step_rad):
         found.without_direction += 1
         return
+    form = found.form
+    least_m = message.range_min if form.range_min_m is None else form.range_min_m
+    longest_m = message.range_max if form.range_max_m is None else form.range_max_m
+    if not (math.isfinite(least_m) and least_m < longest_m):
+        found.without_limits += 1
+        found.wrong_limits = f"range_min {least_m:g} and range_max {longest_m:g}"
+        return
     scan = LoggedScan(
         np.asarray(message.ranges, np.float32),
         angle_min_rad,
         step_rad,
-        float(message.range_min),
-        float(message.range_max),
+        float(least_m),
+        float(longest_m),
         message.header.frame_id.lstrip("/"),
     )
     found.scans.append(_Told(log_ns, msg.ns_from_time(message.header.stamp), scan))

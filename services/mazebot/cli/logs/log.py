@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,6 +67,15 @@ class Entry:
     scan: LoggedScan | None
 
 
+class Reach(NamedTuple):
+    """How far a lidar sees, where that is far less than it states."""
+
+    longest_m: float
+    """Of all its returns."""
+    stated_m: float
+    """Its range_max."""
+
+
 @dataclass
 class Log:
     """All entries, the earliest first."""
@@ -86,6 +95,12 @@ class Log:
     """Poses that are not finite."""
     scans_left_out: int = 0
     """Scans whose beams have no direction: angles that are not finite, or an increment of 0."""
+    scans_without_limits: int = 0
+    """Scans whose range_min or range_max is not a number, or the latter not larger."""
+    no_returns: str = ""
+    """That no range of all scans is a return, in one line; empty: some are."""
+    reaches: tuple[Reach, ...] = ()
+    """Of the lidars whose longest return counts as range_max."""
     unplaced: tuple[str, ...] = ()
     """Frames of lidars of which the log should say where they are, and does not."""
     odometry_of: tuple[str, ...] = ()
@@ -119,6 +134,18 @@ class Log:
             found.append(
                 f"{self.scans_left_out} scans have an angle_min or angle_increment that is not "
                 "finite, or an increment of 0: left out"
+            )
+        if self.scans_without_limits:
+            found.append(
+                f"{self.scans_without_limits} scans have a range_min or range_max that is not a "
+                "number, or a range_max that is not larger than range_min: left out"
+            )
+        if self.no_returns:
+            found.append(self.no_returns)
+        for reach in self.reaches:
+            found.append(
+                f"no return is longer than {reach.longest_m:.2f} m, and range_max is "
+                f"{reach.stated_m:g} m: beams without one show free space up to the longest return"
             )
         return found
 

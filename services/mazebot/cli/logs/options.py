@@ -42,10 +42,12 @@ AngleIncrement = Annotated[
     typer.Option(help="rad between its ranges [default: a full turn in all; CARMEN: the log's]"),
 ]
 RangeMin = Annotated[
-    float | None, typer.Option(help="m; its least range [default: 0.12; CARMEN: 0.05]")
+    float | None,
+    typer.Option(help="m; least range [default: 0.12; CARMEN: 0.05; a bag: the log's]"),
 ]
 RangeMax = Annotated[
-    float | None, typer.Option(help="m; its longest range [default: 3.5; CARMEN: the log's]")
+    float | None,
+    typer.Option(help="m; longest range [default: 3.5; CARMEN and a bag: the log's]"),
 ]
 
 

@@ -10,6 +10,7 @@ from typing import IO, cast
 
 from mazebot.cli.logs import carmen, csv_file
 from mazebot.cli.logs.log import Log, ScanForm, Topics
+from mazebot.cli.logs.reach import with_reach
 from mazebot.common.config import ConfigError
 from mazebot.common.files.limits import MAX_LINE_BYTES
 from mazebot.common.files.reading import NotReadableError, most_unpacked, open_regular, reason
@@ -30,13 +31,17 @@ def read_log(path: Path, form: ScanForm, topics: Topics | None = None) -> Log:
 
     Raises ConfigError with one line that names file, line or topic, and what is wrong.
     """
+    return with_reach(_read(path, form, topics or Topics()))
+
+
+def _read(path: Path, form: ScanForm, topics: Topics) -> Log:
     if not path.exists():
         raise ConfigError(f"--log: {path}: no such file")
     if path.is_dir():
-        return _read_bag(path, topics)
+        return _read_bag(path, form, topics)
     begin = _begin(path)
     if begin.startswith(_BAGS) or path.name.endswith(_BAG_ENDINGS):
-        return _read_bag(path, topics)
+        return _read_bag(path, form, topics)
     if begin.startswith(_GZIP):
         begin, packed = _unpacked(path, begin), True
     else:
@@ -50,10 +55,10 @@ def read_log(path: Path, form: ScanForm, topics: Topics | None = None) -> Log:
         return reader(path, lines, form)
 
 
-def _read_bag(path: Path, topics: Topics | None) -> Log:
+def _read_bag(path: Path, form: ScanForm, topics: Topics) -> Log:
     from mazebot.cli.logs import bag  # noqa: PLC0415 - loads rosbags, for bags alone
 
-    return bag.read(path, topics or Topics())
+    return bag.read(path, form, topics)
 
 
 def _begin(path: Path) -> bytes:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -25,6 +24,7 @@ from mazebot.cli.logs.options import (
     warn_of_place,
 )
 from mazebot.cli.logs.read import read_log
+from mazebot.cli.map.build_run import reasons, run
 from mazebot.cli.map.relations import RelationErrors, read_relations, relation_errors
 from mazebot.cli.parsing.options import Json, print_json
 from mazebot.cli.parsing.patience import say_first
@@ -43,6 +43,8 @@ _MOST_TURN_DISAGREEMENT = 0.6
 """Of good logs: 0.01 to 0.3; of beams in the wrong sense: 1.1 to 2."""
 _MANY_CARRIED_OFF = 0.2
 """Of the scans: a robot that is carried off finds itself where it has been."""
+_HALF = 50
+"""Per cent: cells above are rather occupied than free."""
 _LEAST_FIT, _GOOD_FIT = 0.5, 0.7
 """Of the median scan: of a SICK's logs with a scan each metre, 0.87 to 0.97; with wrong directions
 of the beams, 0.1 to 0.5.
@@ -94,15 +96,18 @@ def build(
     if base_from_scan is None:
         warn_of_place(log_file, log)
 
-    from mazebot.cli.map.build_run import run  # noqa: PLC0415 - loads Numba
-
-    with ProgressLine(wanted=not as_json) as progress:
-        built = run(
-            log, slam_params, base_from_scan,
-            lambda done, scans, slam: progress.show(
-                f"{done} of {scans} scans, {slam.keyframes} keyframes, {slam.loops} loops"
-            ),
-        )  # fmt: skip
+    if log.no_returns:
+        raise ConfigError(f"--log: {log_file}: {log.no_returns}: --range-min, --range-max set them")
+    try:
+        with ProgressLine(wanted=not as_json) as progress:
+            built = run(
+                log, slam_params, base_from_scan,
+                lambda done, scans, slam: progress.show(
+                    f"{done} of {scans} scans, {slam.keyframes} keyframes, {slam.loops} loops"
+                ),
+            )  # fmt: skip
+    except ConfigError as error:
+        raise ConfigError(f"--log: {log_file}: {error}") from error
     # First, for it may be why scans could not be used.
     _warn_of_fit(log_file, built)
     _check_used(log_file, built)
@@ -150,14 +155,19 @@ def _check_folder(out: Path) -> None:
 
 
 def _check_used(log_file: Path, built: Built) -> None:
-    """Raises ConfigError where most scans could not be used: a map of a small part of a log is not
-    the map that was asked for.
+    """Raises ConfigError where most scans could not be used, or show no wall: a map of a small part
+    of a log is not the map that was asked for.
     """
     used, wanted = _used(built)
     if 2 * used < wanted:
         raise ConfigError(
             f"--log: {log_file}: {used} of {wanted} scans could be used, "
-            f"{_reasons(built.slam.left_out)}: must be at least half of them"
+            f"{reasons(built.slam.left_out)}: must be at least half of them"
+        )
+    if not (built.slam.grid().cells > _HALF).any():
+        raise ConfigError(
+            f"--log: {log_file}: no cell of its map is occupied: too few ranges are >= range_min, "
+            "< range_max and < max_laser_range: --range-min, --range-max and --params set them"
         )
 
 
@@ -199,10 +209,6 @@ def _used(built: Built) -> tuple[int, int]:
     return len(built.times_s), built.scans - built.slam.left_out[TOO_SOON]
 
 
-def _reasons(left_out: Mapping[str, int]) -> str:
-    return ", ".join(f"{count} {reason}" for reason, count in left_out.items() if count)
-
-
 def _write(out: Path, built: Built) -> list[Path]:
     from mazebot.common.files.folder_writing import write_file  # noqa: PLC0415
     from mazebot.common.world.map_files import write_map  # noqa: PLC0415
@@ -225,8 +231,8 @@ def _write(out: Path, built: Built) -> list[Path]:
 def _remarks(log: Log, figures: dict[str, Any]) -> list[tuple[str, str]]:
     """What of the log was not used, or not as it is."""
     rows = []
-    if reasons := _reasons(figures["left_out_reasons"]):
-        rows.append(("left out", f"scans: {reasons}"))
+    if why := reasons(figures["left_out_reasons"]):
+        rows.append(("left out", f"scans: {why}"))
     if figures["lines_left_out"]:
         rows.append(("left out", "the last line, which is cut off"))
     rows += [("times", remark) for remark in log.remarks()]

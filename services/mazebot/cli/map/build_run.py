@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -131,7 +131,7 @@ def run(
     """Map a log; `on_progress` is called now and then with the numbers of scans done and of
     all scans, and the state.
 
-    Raises ConfigError where no scan could be used.
+    Raises ConfigError with a phrase where no scan could be used.
     """
     from mazebot.mapping.slam import Slam  # noqa: PLC0415 - loads Numba
 
@@ -161,7 +161,11 @@ def run(
         if done % _PROGRESS_EVERY == 0:
             on_progress(done, scans, slam)
     if not stamps_ns:
-        raise ConfigError("--log: has no scan with odometry at its time")
+        raise ConfigError(
+            f"none of its {scans} scans can be used: {reasons(slam.left_out)}"
+            if scans
+            else "has no scans"
+        )
     graph = slam.document(stamps_ns[-1])
     elapsed_s = time.perf_counter() - began
     poses = np.array([slam.graph.pose(node) @ of_node for node, of_node in anchors])
@@ -170,6 +174,11 @@ def run(
         slam, graph, times_s, poses, scans, np.array(fits), np.array(step_ms), elapsed_s,
         driven_m, np.array(odometry),
     )  # fmt: skip
+
+
+def reasons(left_out: Mapping[str, int]) -> str:
+    """Why scans were left out, and how many, in one line."""
+    return ", ".join(f"{count} {reason}" for reason, count in left_out.items() if count)
 
 
 def turn_disagreement(times_s: Array, poses: Array, odometry: Array) -> float:
