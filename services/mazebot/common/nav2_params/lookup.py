@@ -15,6 +15,7 @@ from mazebot.common.nav2_params.entry import (
     listed_names,
     wrapped_class,
 )
+from mazebot.common.nav2_params.observation_sources import lidars, why_not_taken
 from mazebot.common.nav2_params.parameter import OWN_NAME, Group, Namespace, Value
 from mazebot.common.nav2_params.tables.every_node import EVERY_NODE, PREFIXES
 from mazebot.common.nav2_params.tables.nodes import NODES
@@ -67,7 +68,7 @@ def _found(
                 continue
             why = f"{head} is not in {group.lister}: Nav2 does not read it either"
         else:
-            why = _left_out(group, listed, head, prefix, values)
+            why = _left_out(group, listed, head, rest, prefix, values)
         where = f"{place}.{child.place}" if child else place
         entry = dataclasses.replace(entry, instance=head)
         if rest == "plugin" and group.key == "plugin":
@@ -95,10 +96,12 @@ def _found(
 
 
 def _of_list(group: Group, prefix: str, values: Mapping[str, Value]) -> str:
-    """What Nav2 would not do with the plugins that a parameter lists."""
+    """What Nav2 would not do with the plugins or sensors that a parameter lists."""
+    listed = listed_names(group, prefix, values)
+    if group.sensors and not lidars(listed, prefix, values):
+        return "the lidar is not among them: here it always is"
     if group.key != "plugin":
         return ""
-    listed = listed_names(group, prefix, values)
     notes = []
     # Nav2's default classes are those of its default list alone.
     if listed != list(group.defaults):
@@ -169,9 +172,11 @@ def _would_be(
 
 
 def _left_out(
-    group: Group, listed: list[str], head: str, prefix: str, values: Mapping[str, Value]
+    group: Group, listed: list[str], head: str, rest: str, prefix: str, values: Mapping[str, Value]
 ) -> str:
-    """Why the plugin of a listed name is not taken; empty: it is."""
+    """Why a parameter of a listed name is not taken; empty: it is."""
+    if group.sensors:
+        return why_not_taken(listed, head, rest, prefix, values)
     if group.key != "plugin":
         return ""
     same = [
@@ -180,8 +185,21 @@ def _left_out(
         if group.setting
         or _place(group, one, prefix, values) == _place(group, head, prefix, values)
     ]
+    seeing = [one for one in same if _has_the_lidar(group, one, prefix, values)]
+    used = (seeing or same)[0]
     first = "the first" if group.setting else "the first of its kind"
-    return "" if same[0] == head else f"only {same[0]}, {first} in {group.lister}, is used"
+    first += " with the lidar" if used != same[0] else ""
+    return "" if used == head else f"only {used}, {first} in {group.lister}, is used"
+
+
+def _has_the_lidar(group: Group, instance: str, prefix: str, values: Mapping[str, Value]) -> bool:
+    """Whether a plugin has no sensors of its own, or the lidar among them."""
+    space = f"{prefix}{instance}"
+    child = group.kinds.get(kind_of(group, space, instance, values))
+    sensors = [inner for inner in child.groups if inner.sensors] if child else []
+    return not sensors or any(
+        lidars(listed_names(inner, f"{space}.", values), f"{space}.", values) for inner in sensors
+    )
 
 
 def _place(group: Group, instance: str, prefix: str, values: Mapping[str, Value]) -> str:

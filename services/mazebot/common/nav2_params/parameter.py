@@ -81,6 +81,8 @@ class Group:
     """Classes of which there is always one here, listed or not; several are each other's like."""
     others: Namespace | None = None
     """What is taken of the parameters of any other class."""
+    sensors: bool = False
+    """Whether they are sensors, of which those that are the lidar share one section here."""
 
 
 @dataclass(frozen=True)

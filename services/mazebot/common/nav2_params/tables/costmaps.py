@@ -24,7 +24,7 @@ raytrace_min_range double 0.0 >=0
 """,
 )
 
-_SOURCES = (Group("observation_sources", {"": _OBSERVATION}, key=""),)
+_SOURCES = (Group("observation_sources", {"": _OBSERVATION}, key="", sensors=True),)
 _MARKS = """
 footprint_clearing_enabled bool true *
 observation_sources words "" * =-
