@@ -180,7 +180,7 @@ MPPI = {"plugin": "nav2_mppi_controller/MPPIController"}
                          "final_rotation": False}},
          "FollowPath.prefer_final_rotation", False),
         ("collision_monitor",
-         {"polygons": ["Stop"], "Stop": {"type": "polygon", "max_points": 3,
+         {"polygons": ["Stop"], "Stop": {"type": "polygon", "action_type": "stop", "max_points": 3,
                                          "points": [0.3, 0.3, 0.3, -0.3, 0.0, 0.0]}},
          "Stop.min_points", 4),
         ("local_costmap", {"plugins": ["w"], "w": {"plugin": "nav2_costmap_2d::StaticLayer"},
@@ -563,8 +563,12 @@ def test_each_costmap_has_its_own_layers_and_each_polygon_its_own_settings() -> 
             global_costmap={"plugins": ["i"], "i": layer | {"inflation_radius": 0.9}},
             collision_monitor={
                 "polygons": ["Near", "Far"],
-                "Near": {"type": "polygon", "points": "[[0.3, 0.2], [0.3, -0.2], [0, 0]]"},
-                "Far": {"type": "polygon", "min_points": 7},
+                "Near": {
+                    "type": "polygon",
+                    "action_type": "stop",
+                    "points": "[[0.3, 0.2], [0.3, -0.2], [0, 0]]",
+                },
+                "Far": {"type": "polygon", "action_type": "approach", "min_points": 7},
                 "Spare": {"type": "circle", "radius": 0.5},
             },
         ),

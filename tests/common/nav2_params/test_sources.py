@@ -17,7 +17,7 @@ SCAN = {
 SET = {"marking": True, "clearing": True, "obstacle_max_range": 2.0}
 
 
-def layer(kind: str = "ObstacleLayer", **sources: dict[str, Any]) -> dict[str, Any]:
+def layer(kind: str = "ObstacleLayer", **sources: Any) -> dict[str, Any]:
     names = " ".join(sources)
     return {"plugin": f"nav2_costmap_2d::{kind}", "observation_sources": names, **sources}
 
@@ -92,7 +92,7 @@ CLEARS = {
 @pytest.mark.parametrize("first", ["marks", "clears"])
 def test_sources_that_are_the_lidar_mark_and_clear_together(first: str) -> None:
     sources = {"marks": MARKS, "clears": CLEARS}
-    order = {first: sources[first], **sources}
+    order: dict[str, Any] = {first: sources[first], **sources}
     values = costmap(o=layer(**order))
     assert source_set(values) == {
         "marking": True, "clearing": True, "obstacle_max_range": 2.0, "raytrace_max_range": 3.2,

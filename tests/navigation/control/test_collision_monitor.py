@@ -346,6 +346,7 @@ def test_switched_off_it_changes_nothing() -> None:
         ({"slowdown_ratio": 1.5}, "slowdown_ratio"),
         ({"time_before_collision": -1.0}, "time_before_collision"),
         ({"points": ((0.1, 0.1), (0.2, 0.1))}, "points"),
+        ({"action_type": "approach", "points": ((0.3, 0.3), (0.3, -0.3), (0.0, -0.3))}, "points"),
     ],
 )
 def test_a_polygon_that_is_none_is_refused_by_its_field(wrong: dict[str, Any], field: str) -> None:

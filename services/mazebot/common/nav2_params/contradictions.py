@@ -35,6 +35,17 @@ def contradictions(
             # Nav2's defaults are not ours.
             if (node, least) in at and (node, other) in at and other != "max_particles":
                 refuse(node, least, value, f"must be at most {other.rpartition('.')[2]}, {most}")
+    monitor = tree.get("collision_monitor", {})
+    for zone in monitor.get("polygons") or []:
+        values = monitor.get(zone)
+        for parameter, must in _missing(values if isinstance(values, dict) else {}):
+            lines = [
+                entry.leaf.line for entry in at.values()
+                if entry.node == "collision_monitor" and entry.name.startswith(f"{zone}.")
+            ]  # fmt: skip
+            lines = lines or [at["collision_monitor", "polygons"].leaf.line]
+            where = f"{name}:{lines[0]}: collision_monitor.{zone}.{parameter}"
+            problems.append(f"{where}: is missing: must be {must}")
     server = tree.get("controller_server", {})
     for space, inner in server.items():
         classes = {short_class(inner.get(key)) for key in _CLASSES} if _is_space(inner) else set()
@@ -44,6 +55,22 @@ def contradictions(
                 refuse("controller_server", f"{space}.model_dt", inner["model_dt"],
                        f"must be at least the controller's period, {period:g} s")  # fmt: skip
     return problems
+
+
+def _missing(zone: Mapping[str, Value]) -> Iterator[tuple[str, str]]:
+    """The parameters without which Nav2 knows no form or action of a zone of the collision monitor,
+    each with what it must be.
+    """
+    kind, action = zone.get("type"), zone.get("action_type")
+    if kind is None:
+        yield "type", "polygon, circle or velocity_polygon"
+    # Velocity polygons are left out.
+    if kind != "velocity_polygon" and action is None:
+        yield "action_type", "stop, slowdown, limit, approach or none"
+    if kind == "polygon" and action not in {None, "approach"} and not zone.get("points"):
+        yield "points", '"[[x, y], [x, y], [x, y]]": a form that a topic gives cannot be taken here'
+    if kind == "circle" and zone.get("radius") is None:
+        yield "radius", "in metres: a form that a topic gives cannot be taken here"
 
 
 def _is_space(value: Value) -> bool:

@@ -20,6 +20,8 @@ from mazebot.common.nav2_params.yaml_leaves import read_leaves
 
 _MOST_PROBLEMS = 4
 _SUBSTITUTION = re.compile(r"\$\(|^(KEEPOUT|SPEED)_ZONE_ENABLED$")
+_SAFE = "collision_monitor"
+"""A node of which nothing is switched off because a launch file may do so."""
 
 
 @dataclass(frozen=True)
@@ -87,11 +89,10 @@ def _typed(entry: Entry) -> Entry:
         return entry
     words = given if isinstance(given, list) else [given]
     if any(isinstance(word, str) and _SUBSTITUTION.search(word) for word in words):
-        value = False if row.kind == "bool" else row.default
-        assumed = "filled in by a launch file: assumed to be "
-        note = joined_notes(
-            entry.note, assumed + ("false" if row.kind == "bool" else "Nav2's default")
-        )
+        off = row.kind == "bool" and entry.node != _SAFE
+        assumed = "assumed to be " + ("false" if off else "Nav2's default")
+        value = False if off else row.default
+        note = joined_notes(entry.note, f"filled in by a launch file: {assumed}")
         return dataclasses.replace(entry, value=value, unresolved=True, note=note)
     value = typed(row, given)
     check(row, value)

@@ -56,6 +56,9 @@ class Parameter:
     fixed: tuple[str, ...] = ()
     """The values that this robot always has; another one cannot be set."""
     note: str = ""
+    whole: bool = False
+    """Whether it means something only together with the others of its namespace: values that our
+    settings do not take are an error then."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +82,8 @@ class Group:
     """The class that must be listed after the others; "": none."""
     always: tuple[tuple[str, ...], ...] = ()
     """Classes of which there is always one here, listed or not; several are each other's like."""
+    emptied: str = ""
+    """Our setting, without any of them where the list is empty."""
     others: Namespace | None = None
     """What is taken of the parameters of any other class."""
     sensors: bool = False
@@ -98,16 +103,19 @@ class Namespace:
     """Why its parameters are not supported, where none of their settings exists."""
 
 
-def namespace(place: str, rows: str, groups: Sequence[Group] = (), note: str = "") -> Namespace:
+def namespace(
+    place: str, rows: str, groups: Sequence[Group] = (), note: str = "", whole: bool = False
+) -> Namespace:
     """A namespace from rows of text: `name kind default valid [=target[:conversion]]
     [!fixed|...] [# note]`, one a line, or `- name ... [# note]` for parameters of Nav2 that change
     nothing here: their values are not checked.
 
     A default `-` is none. The target has by default the parameter's own name, below `place`; one
     that begins with `/` is a dotted name of the whole section, and `=-` is no target. `doubles:3`
-    is a list of three.
+    is a list of three. `whole` is that of each parameter.
     """
     found = [row for line in rows.splitlines() if line.strip() for row in _rows(line.strip())]
+    found = [dataclasses.replace(row, whole=whole) for row in found]
     return Namespace(place, {row.name: row for row in found}, tuple(groups), note)
 
 

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from mazebot.common.config import put_value
+from mazebot.common.config import ConfigError, put_value, value_of
 from mazebot.common.nav2_params.entry import Entry, joined_notes
 from mazebot.common.nav2_params.loader import Nav2Params
 from mazebot.common.nav2_params.parameter import OWN_NAME, Group, Value
-from mazebot.common.nav2_params.targets import CONVERSIONS, Models, setting, valid_for
+from mazebot.common.nav2_params.targets import CONVERSIONS, Models, problems_of, setting, valid_for
 
 Status = Literal["used", "mapped", "unsupported", "unknown"]
 STATUSES: tuple[Status, ...] = ("used", "mapped", "unsupported", "unknown")
@@ -56,6 +56,9 @@ def report(params: Nav2Params, models: Models) -> Report:
     """Say what becomes of each parameter, where `models` are the sections of our settings.
 
     A parameter whose setting does not exist, or does not take the value, is unsupported.
+
+    Raises ConfigError in one line where the settings of a zone do not take its values: another
+    zone would be left.
     """
     settings: dict[str, dict[str, Value]] = {}
     owners: dict[str, tuple[Value, str]] = {}
@@ -64,6 +67,7 @@ def report(params: Nav2Params, models: Models) -> Report:
     order = sorted(range(len(entries)), key=lambda at: not _is_switch(entries[at]))
     done = {at: _row(entries[at], models, settings, owners) for at in order}
     rows = [done[at] for at in range(len(entries))]
+    _check_wholes(params, rows, models, settings)
     taken = [
         f"{entry.node}.{entry.name}"
         for entry, row in zip(params.entries, rows, strict=True)
@@ -74,6 +78,26 @@ def report(params: Nav2Params, models: Models) -> Report:
         for entry, row in zip(params.entries, rows, strict=True)
     ]
     return Report(params.name, tuple(structure), settings)
+
+
+def _check_wholes(
+    params: Nav2Params, rows: Sequence[Row], models: Models, settings: Mapping[str, Value]
+) -> None:
+    """Raises ConfigError where values that belong together are not taken."""
+    wholes: dict[str, dict[str, Row]] = {}
+    for entry, row in zip(params.entries, rows, strict=True):
+        if entry.parameter is not None and entry.parameter.whole and row.setting:
+            section, _, name = row.setting.rpartition(".")
+            wholes.setdefault(section, {})[name] = row
+    problems = []
+    for section, parts in wholes.items():
+        for name, problem in problems_of(section, value_of(settings, section), models):
+            row = next((parts[part] for part in parts if f"{name}.".startswith(f"{part}.")),
+                       next(iter(parts.values())))  # fmt: skip
+            said = f"{params.name}:{row.line}: {row.node}.{row.parameter}: {row.value!r:.60}"
+            problems.append(f"{said}: {problem}")
+    if problems:
+        raise ConfigError("; ".join(problems))
 
 
 def _row(
@@ -89,6 +113,11 @@ def _row(
     )  # fmt: skip
     if entry.group is not None and _is_switch(entry):
         return _switched(entry, entry.group, row, models, settings)
+    emptied = _emptied(entry, models)
+    if emptied:
+        put_value(settings, emptied, {})
+        note = joined_notes(row.note, "there are none then, nor those by default here")
+        return dataclasses.replace(row, status="mapped", setting=emptied, note=note)
     target = _setting_of(entry)
     if target is None:
         return row
@@ -108,7 +137,8 @@ def _row(
         return dataclasses.replace(
             row, status=status, setting=path, note=joined_notes(row.note, note)
         )
-    problem = valid_for(field, converted)
+    whole = entry.parameter is not None and entry.parameter.whole
+    problem = "" if whole else valid_for(field, converted)
     if problem:
         note = joined_notes(row.note, f"{path} {problem}")
         return dataclasses.replace(row, note=note)
@@ -119,6 +149,14 @@ def _row(
     put_value(settings, path, converted)
     note = row.note if converted == value else joined_notes(row.note, f"converted to {converted!r}")
     return dataclasses.replace(row, status=status, setting=path, note=note)
+
+
+def _emptied(entry: Entry, models: Models) -> str:
+    """Our setting that an empty list empties; "": the entry is no such list."""
+    if entry.group is None or entry.knowledge != "parameter" or entry.value != []:
+        return ""
+    found = setting(entry.place, entry.group.emptied, "", models)
+    return found[0] if found else ""
 
 
 def _is_switch(entry: Entry) -> bool:
@@ -211,6 +249,8 @@ def _structure(entry: Entry, row: Row, taken: Iterable[str]) -> Row:
     used = any(name.startswith(space) for space in spaces for name in taken)
     if not used:
         note = row.note if row.note != "has no setting here" else ""
+        if entry.group is not None and entry.group.emptied:
+            note = joined_notes(note, "those by default here stay")
         return dataclasses.replace(row, note=joined_notes(note, "none of their parameters is used"))
     note = row.note if row.note != "has no setting here" else ""
     note = joined_notes(note, "its parameters are used")

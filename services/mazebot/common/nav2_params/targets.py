@@ -64,6 +64,27 @@ def setting(place: str, target: str, instance: str, models: Models) -> tuple[str
     return None if found is None else (path, found)
 
 
+def problems_of(path: str, value: Value, models: Models) -> list[tuple[str, str]]:
+    """What is wrong with all the values of a section together: names below it, and what they must
+    be.
+    """
+    _, owner = _found(path, models)
+    if owner is None:
+        return []
+    try:
+        owner.model_validate(value)
+    except ValidationError as caught:
+        found = []
+        for error in caught.errors():
+            text = must(error["msg"])
+            # What a section says of itself begins with the name that it means.
+            name, _, rest = text.partition(": ")
+            at = ".".join(map(str, error["loc"]))
+            found.append((at, text) if at or not rest else (name, rest))
+        return found
+    return []
+
+
 def valid_for(field: FieldInfo, value: Value) -> str:
     """What the field's value must be, where this one is not valid; empty: it is."""
     annotation = field.rebuild_annotation()
@@ -84,26 +105,32 @@ def _adapter(annotation: Any) -> TypeAdapter[Any]:
 
 def _field(path: str, models: Models) -> FieldInfo | None:
     """The field of a dotted name, whose first part is the section."""
+    field, owner = _found(path, models)
+    # A whole section is no setting of one parameter.
+    return None if owner is not None else field
+
+
+def _found(path: str, models: Models) -> tuple[FieldInfo | None, type[BaseModel] | None]:
+    """The field of a dotted name, and the section that it is; None: there is none."""
     section, *parts = path.split(".")
     owner: type[BaseModel] | None = models.get(section)
     field = None
     at = iter(parts)
     for part in at:
         if owner is None:
-            return None
+            return None, None
         field = owner.model_fields.get(part)
         if field is None:
-            return None
+            return None, None
         owner = None
         for kind in _alternatives(field.annotation):
             # Of a mapping, the next part is a key.
             inner = get_args(kind)[1] if get_origin(kind) is dict else kind
             if inner is not kind and next(at, None) is None:
-                return field
+                return field, None
             if isinstance(inner, type) and issubclass(inner, BaseModel):
                 owner = inner
-    # A whole section is no setting of one parameter.
-    return None if owner is not None else field
+    return field, owner
 
 
 def _alternatives(annotation: object) -> Iterator[object]:

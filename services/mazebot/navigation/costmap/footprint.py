@@ -38,7 +38,8 @@ class Footprint:
     """(n, 2) float64, corners, counter-clockwise, with the padding."""
     inscribed_radius_m: float
     """Radius of the largest circle about base_footprint inside it: Nav2's inscribed radius. A
-    waffle's axle is near its front, so that this is only 0.07 m; see `half_width_m`.
+    waffle's axle is near its front, so that this is only 0.07 m; see `half_width_m`. Of a zone
+    that does not enclose base_footprint, 0 or less.
     """
     circumscribed_radius_m: float
     """Radius of the circle about base_footprint around it: what a turn on the spot sweeps."""
@@ -60,6 +61,17 @@ class Footprint:
 
         Raises ValueError with a phrase if they enclose no area, or not base_footprint.
         """
+        footprint = Footprint.zone(points_m, padding_m)
+        if footprint.inscribed_radius_m <= 0.0:
+            raise ValueError("must enclose base_footprint, the point [0, 0]")
+        return footprint
+
+    @staticmethod
+    def zone(points_m: ArrayLike, padding_m: float = 0.0) -> Footprint:
+        """As `of`, of corners that need not enclose base_footprint: a zone beside or ahead of it.
+
+        Raises ValueError with a phrase if they enclose no area.
+        """
         try:
             points = np.array(points_m, np.float64)
         except (TypeError, ValueError) as error:
@@ -69,14 +81,11 @@ class Footprint:
         hull = _hull(points + np.sign(points) * padding_m)
         if len(hull) < 3:
             raise ValueError("must be at least 3 points that enclose an area")
-        inscribed_m = _edge_distance_m(hull, (0.0, 0.0))
-        if inscribed_m <= 0.0:
-            raise ValueError("must enclose base_footprint, the point [0, 0]")
         centre = _centroid(hull)
         circles = (*centre, _edge_distance_m(hull, centre), _corner_distance_m(hull, centre))
         return Footprint(
             hull,
-            inscribed_m,
+            _edge_distance_m(hull, (0.0, 0.0)),
             _corner_distance_m(hull, (0.0, 0.0)),
             float(np.abs(hull[:, 1]).max()),
             np.array(circles),

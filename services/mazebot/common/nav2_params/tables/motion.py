@@ -41,6 +41,7 @@ time_before_collision double 2.0 >=0
 enabled bool true *
 - simulation_time_step footprint_topic polygon_sub_topic polygon_pub_topic sources_names visualize
 """,
+    whole=True,
 )
 _VELOCITY = namespace(
     "velocity",
@@ -87,6 +88,7 @@ observation_sources strings - * =-
             "polygons",
             {"polygon": _AREA, "circle": _AREA, "velocity_polygon": _VELOCITY_AREA, "": _AREA},
             key="type",
+            emptied="polygons",
         ),
         Group("observation_sources", {"": _SOURCE}, key=""),
     ],

@@ -67,12 +67,12 @@ class Action(IntEnum):
 
 def _outline(points: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
     if points:
-        Footprint.of(points)
+        Footprint.zone(points)
     return points
 
 
 Points = Annotated[tuple[tuple[float, float], ...], AfterValidator(_outline)]
-"""(x, y) in base_footprint, which enclose it."""
+"""(x, y) in base_footprint, which enclose an area."""
 
 
 class VelocityPolygonParams(Params):
@@ -98,7 +98,9 @@ class PolygonParams(Params):
     type: PolygonType = Field("polygon", description="its form")
     action_type: ActionType = Field(description="what happens when points are in it")
     points: Points = Field(
-        (), description="m; [[x, y], ...] of a polygon in base_footprint; none: the footprint"
+        (),
+        description="m; [[x, y], ...] of a polygon in base_footprint, which one with the action "
+        "approach encloses; none: the footprint",
     )
     radius: float = Field(0.0, ge=0, description="m; of a circle")
     velocity_polygons: dict[str, VelocityPolygonParams] = Field(
@@ -130,7 +132,23 @@ class PolygonParams(Params):
             raise ValueError("radius: must be greater than 0 for a circle")
         if self.type == "velocity_polygon" and not self.velocity_polygons:
             raise ValueError("velocity_polygons: must name at least one")
+        if self.action_type == "approach":
+            self._has_the_robot_inside()
         return self
+
+    def _has_the_robot_inside(self) -> None:
+        """An approach moves the polygon with the robot until something meets its outline."""
+        outlines = {"points": self.points} if self.type == "polygon" and self.points else {}
+        if self.type == "velocity_polygon":
+            outlines = {
+                f"velocity_polygons.{name}.points": one.points
+                for name, one in self.velocity_polygons.items()
+            }
+        for name, points in outlines.items():
+            try:
+                Footprint.of(points)
+            except ValueError as error:
+                raise ValueError(f"{name}: {error}, for an approach") from error
 
 
 class BrakingParams(Params):
@@ -298,9 +316,11 @@ class _Zone:
         if params.type == "circle":
             self._polygons = [Footprint.circle(params.radius)]
         elif params.type == "velocity_polygon":
-            self._polygons = [Footprint.of(one.points) for one in params.velocity_polygons.values()]
+            self._polygons = [
+                Footprint.zone(one.points) for one in params.velocity_polygons.values()
+            ]
         elif params.points:
-            self._polygons = [Footprint.of(params.points)]
+            self._polygons = [Footprint.zone(params.points)]
         else:
             self._polygons = [self._kept]
 
