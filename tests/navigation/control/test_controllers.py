@@ -11,8 +11,9 @@ import pytest
 from mazebot.common.maths.frames import SE2, Array, wrap_angle
 from mazebot.navigation.config import NavigationConfig
 from mazebot.navigation.control.collision import STOP, Surroundings, Velocity
-from mazebot.navigation.control.controller import Controller, Robot
+from mazebot.navigation.control.controller import Controller, Robot, RobotLimits
 from mazebot.navigation.control.controllers import make_controller
+from mazebot.navigation.control.goal_checker import GoalCheckerParams
 from mazebot.navigation.control.mppi.clearance_window import ClearanceWindow
 from mazebot.navigation.control.mppi.mppi import MPPIController
 from mazebot.navigation.control.track import Track
@@ -180,6 +181,22 @@ def test_the_goal_is_reached_only_when_the_robot_stands(name: str) -> None:
     assert not any(controller.step(0.05, still).reached for _ in range(40))
     stands = Surroundings(path.goal, costmap, NO_ECHOES, velocity=STOP)
     assert controller.step(0.05, stands).reached
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("stateful", [True, False])
+def test_a_robot_does_not_turn_to_a_goal_of_which_only_the_position_counts(
+    name: str, stateful: bool
+) -> None:
+    costmap, _ = room()
+    checker = GoalCheckerParams(position_only=True, stateful=stateful)
+    robot = Robot(RobotLimits(general_goal_checker=checker))
+    controller = make_controller(name, {}, robot, np.random.default_rng(1))
+    path = line((1.0, 1.0), (1.5, 1.0), yaw_rad=2.0)
+    controller.set_path(path, same_goal=False)
+    there = Surroundings(SE2(1.5, 1.0, 0.0), costmap, NO_ECHOES, velocity=STOP)
+    made = controller.step(0.05, there)
+    assert (made.reached, made.velocity) == (True, STOP)
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -72,9 +72,11 @@ def _found(
         where = f"{place}.{child.place}" if child else place
         entry = dataclasses.replace(entry, instance=head)
         if rest == "plugin" and group.key == "plugin":
+            *_, differs = group.implied.get(kind, ("",))
             found = dataclasses.replace(
-                entry, knowledge="plugin", group=group, value=kind, place=where
-            )
+                entry, knowledge="plugin", group=group, value=kind, place=where,
+                note=joined_notes(entry.note, differs),
+            )  # fmt: skip
         elif rest and rest == group.wraps.get(kind):
             found = dataclasses.replace(
                 entry, knowledge="plugin", group=group, place=where,

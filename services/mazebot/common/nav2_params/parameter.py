@@ -82,6 +82,9 @@ class Group:
     """The class that must be listed after the others; "": none."""
     always: tuple[tuple[str, ...], ...] = ()
     """Classes of which there is always one here, listed or not; several are each other's like."""
+    implied: Mapping[str, tuple[str, Value, str]] = field(default_factory=dict)
+    """What a class does other than its like, by its name: our setting below its place, the value of
+    it, and a note."""
     emptied: str = ""
     """Our setting, without any of them where the list is empty."""
     others: Namespace | None = None

@@ -194,6 +194,9 @@ def _switched(
 def _setting_of(entry: Entry) -> tuple[str, Value] | None:
     """The name of our setting for the entry's value, and the value; None: there is none."""
     if entry.knowledge == "plugin" and entry.group is not None:
+        if str(entry.value) in entry.group.implied:
+            name, value, _ = entry.group.implied[str(entry.value)]
+            return name, value
         chosen = entry.group.values.get(str(entry.value))
         return None if chosen is None else (entry.group.setting, chosen)
     if entry.knowledge == "parameter" and entry.parameter is not None:

@@ -1,4 +1,6 @@
-"""Whether the goal is reached: Nav2's SimpleGoalChecker and StoppedGoalChecker in one."""
+"""Whether the goal is reached: Nav2's SimpleGoalChecker, StoppedGoalChecker and PositionGoalChecker
+in one.
+"""
 
 from __future__ import annotations
 
@@ -36,6 +38,11 @@ class GoalCheckerParams(Params):
     symmetric_yaw_tolerance: bool = Field(
         False, description="the opposite heading counts as reached too"
     )
+    position_only: bool = Field(
+        False,
+        description="any heading counts as reached, as in Nav2's PositionGoalChecker: the robot "
+        "does not turn to the goal's",
+    )
     trans_stopped_velocity: float = Field(
         0.01, gt=0, description="m/s; the goal is reached only when the robot is slower than this"
     )
@@ -45,7 +52,9 @@ class GoalCheckerParams(Params):
 
 
 class GoalChecker:
-    """Keeps whether the position was reached. Success needs position, heading and standstill."""
+    """Keeps whether the position was reached. Success needs position, heading and standstill;
+    with `position_only` any heading will do.
+    """
 
     def __init__(self, params: GoalCheckerParams) -> None:
         self._params = params
@@ -74,7 +83,11 @@ class GoalChecker:
         return self._xy_reached
 
     def yaw_error_rad(self, pose: SE2, goal: SE2) -> float:
-        """The turn that is left, in [-pi, pi), or the shorter one to the opposite heading."""
+        """The turn that is left, in [-pi, pi), or the shorter one to the opposite heading; 0 where
+        any heading will do.
+        """
+        if self._params.position_only:
+            return 0.0
         error_rad = wrap_angle(goal.yaw_rad - pose.yaw_rad)
         if self._params.symmetric_yaw_tolerance:
             opposite_rad = wrap_angle(error_rad + 3.141592653589793)

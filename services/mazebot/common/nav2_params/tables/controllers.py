@@ -116,6 +116,12 @@ path_length_tolerance double 1.0 >=0
 stateful bool true *
 symmetric_yaw_tolerance bool false *
 """
+_POSITION_GOAL = """
+xy_goal_tolerance double 0.25 >=0
+xy_goal_tolerance_buffer double 0.0 >=0
+path_length_tolerance double 1.0 >=0
+stateful bool true *
+"""
 _STOPPED_GOAL = f"""{_SIMPLE_GOAL}
 rot_stopped_velocity double 0.25 >=0
 trans_stopped_velocity double 0.25 >=0
@@ -162,11 +168,12 @@ _GROUPS = (
         {
             "SimpleGoalChecker": namespace("general_goal_checker", _SIMPLE_GOAL),
             "StoppedGoalChecker": namespace("general_goal_checker", _STOPPED_GOAL),
-            "PositionGoalChecker": namespace("general_goal_checker", _SIMPLE_GOAL),
+            "PositionGoalChecker": namespace("general_goal_checker", _POSITION_GOAL),
             "AxisGoalChecker": namespace("axis_goal_checker", _AXIS_GOAL),
             "AdaptiveToleranceGoalChecker": namespace("adaptive_goal_checker", _ADAPTIVE_GOAL),
         },
         defaults={"goal_checker": "SimpleGoalChecker"},
+        implied={"PositionGoalChecker": ("position_only", True, "any heading counts as reached")},
     ),
     Group(
         "progress_checker_plugins",
@@ -177,6 +184,7 @@ _GROUPS = (
             ),
         },
         defaults={"progress_checker": "SimpleProgressChecker"},
+        implied={"SimpleProgressChecker": ("position_only", True, "turning is no progress")},
     ),
     Group(
         "path_handler_plugins",

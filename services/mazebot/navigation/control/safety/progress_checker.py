@@ -1,4 +1,4 @@
-"""Whether the robot makes progress: Nav2's PoseProgressChecker."""
+"""Whether the robot makes progress: Nav2's PoseProgressChecker, or its SimpleProgressChecker."""
 
 from __future__ import annotations
 
@@ -17,13 +17,20 @@ class ProgressParams(Params):
     required_movement_angle: float = Field(
         0.2, gt=0, description="rad; a turn of this angle counts as progress"
     )
+    position_only: bool = Field(
+        False,
+        description="turning is no progress, as in Nav2's SimpleProgressChecker: also a turn at "
+        "the goal has to end within the allowance",
+    )
     movement_time_allowance: float = Field(
         2.5, gt=0, description="s; without progress for this long a recovery begins"
     )
 
 
 class ProgressChecker:
-    """Detects that the robot has neither moved nor turned enough for too long."""
+    """Detects that the robot has neither moved nor turned enough for too long; with
+    `position_only`, that it has not moved enough.
+    """
 
     def __init__(self, params: ProgressParams) -> None:
         self._params = params
@@ -57,10 +64,14 @@ class ProgressChecker:
         if (
             baseline is None
             or pose.distance_m(baseline) >= p.required_movement_radius
-            or abs(wrap_angle(pose.yaw_rad - baseline.yaw_rad)) >= p.required_movement_angle
+            or self._turned(pose, baseline)
         ):
             self._baseline = pose
             self._baseline_ns = now_ns
             self._excused_ns = 0
             return True
         return (now_ns - self._baseline_ns - self._excused_ns) * 1e-9 <= p.movement_time_allowance
+
+    def _turned(self, pose: SE2, baseline: SE2) -> bool:
+        turn_rad = abs(wrap_angle(pose.yaw_rad - baseline.yaw_rad))
+        return not self._params.position_only and turn_rad >= self._params.required_movement_angle
