@@ -67,3 +67,10 @@ def test_a_file_that_names_no_checker_leaves_ours() -> None:
     ours = params({"controller_frequency": 20.0})
     assert not ours.general_goal_checker.position_only
     assert not ours.progress_checker.position_only
+
+
+def test_behaviors_that_a_file_does_not_list_are_there_all_the_same() -> None:
+    values = {"behavior_plugins": ["spin"], "spin": {"plugin": "nav2_behaviors::Spin"}}
+    note = row_of(told("behavior_server", values), "behavior_plugins").note
+    assert "lists no BackUp: there is always one here" in note
+    assert "lists no Spin" not in note

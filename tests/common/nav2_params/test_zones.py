@@ -62,6 +62,15 @@ def test_a_zone_ahead_of_the_robot_is_as_large_as_in_the_file() -> None:
          "collision_monitor.Z.action_type: is missing: must be stop, slowdown, limit, approach"),
         ({"type": "circle", "radius": "$(var r)", "action_type": "stop"},
          "collision_monitor.Z.radius: is missing"),
+        ({"type": "velocity_polygon", "action_type": "stop", "velocity_polygons": []},
+         "my.yaml:8: collision_monitor.Z.velocity_polygons: []: must name at least one"),
+        ({"type": "velocity_polygon", "action_type": "stop", "velocity_polygons": ["a"],
+          "a": {"points": AHEAD, "linear_min": 0.0, "linear_max": 1.0, "theta_max": 1.0}},
+         "collision_monitor.Z.a.theta_min: is missing: must be a speed"),
+        ({"type": "velocity_polygon", "action_type": "approach", "velocity_polygons": ["a"],
+          "a": {"points": AHEAD, "linear_min": 0.0, "linear_max": 1.0, "theta_min": -1.0,
+                "theta_max": 1.0}},
+         f"my.yaml:11: collision_monitor.Z.a.points: {AHEAD!r}: must enclose base_footprint"),
     ],
 )  # fmt: skip
 def test_a_zone_that_would_be_another_one_is_refused(zone: dict[str, Any], words: str) -> None:
@@ -89,7 +98,30 @@ def test_an_empty_list_leaves_no_zone() -> None:
     assert row.note == "there are none then, nor those by default here"
 
 
+def test_zones_that_are_not_listed_leave_those_by_default() -> None:
+    found = told("collision_monitor", {"Z": ZONE})
+    assert list(config_of(found).collision_monitor.polygons) == ["FootprintApproach"]
+
+
 def test_nothing_of_the_monitor_is_off_because_a_launch_file_may_switch_it_off() -> None:
     values = {"enabled": "$(var on)", **monitor(Z={**ZONE, "enabled": "$(var on)"})}
     config = config_of(told("collision_monitor", values)).collision_monitor
     assert (config.enabled, config.polygons["Z"].enabled) == (True, True)
+
+
+def test_velocity_polygons_are_those_of_the_file_in_the_order_of_its_list() -> None:
+    bounds = {"linear_max": 1.0, "theta_min": -1.0, "theta_max": 1.0}
+    near = "[[0.15, 0.2], [0.15, -0.2], [-0.2, -0.2], [-0.2, 0.2]]"
+    zone = {
+        "type": "velocity_polygon", "action_type": "stop", "min_points": 4, "holonomic": False,
+        "velocity_polygons": ["fast", "slow"],
+        "slow": {**bounds, "linear_min": 0.0, "points": near, "direction_start_angle": -1.0},
+        "fast": {**bounds, "linear_min": 0.15, "points": AHEAD},
+    }  # fmt: skip
+    found = told("collision_monitor", monitor(Z=zone))
+    polygons = config_of(found).collision_monitor.polygons["Z"].velocity_polygons
+    assert list(polygons) == ["fast", "slow"]
+    assert row_of(found, "Z.fast.points").status == "used"
+    # The command is 0.2 m/s: both cover it.
+    assert passed(monitor(Z=zone), 0.25) == STOP
+    assert passed(monitor(Z={**zone, "velocity_polygons": ["slow"]}), 0.25) == SLOW

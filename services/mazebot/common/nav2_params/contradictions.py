@@ -8,6 +8,7 @@ from typing import Any
 from mazebot.common.nav2_params.entry import Entry, short_class
 from mazebot.common.nav2_params.parameter import Value
 
+_CORNERS = '"[[x, y], [x, y], [x, y]]"'
 _CLASSES = ("plugin", "primary_controller")
 
 
@@ -38,7 +39,7 @@ def contradictions(
     monitor = tree.get("collision_monitor", {})
     for zone in monitor.get("polygons") or []:
         values = monitor.get(zone)
-        for parameter, must in _missing(values if isinstance(values, dict) else {}):
+        for parameter, must in _missing_of_zone(values if isinstance(values, dict) else {}):
             lines = [
                 entry.leaf.line for entry in at.values()
                 if entry.node == "collision_monitor" and entry.name.startswith(f"{zone}.")
@@ -57,20 +58,27 @@ def contradictions(
     return problems
 
 
-def _missing(zone: Mapping[str, Value]) -> Iterator[tuple[str, str]]:
+def _missing_of_zone(zone: Mapping[str, Value]) -> Iterator[tuple[str, str]]:
     """The parameters without which Nav2 knows no form or action of a zone of the collision monitor,
     each with what it must be.
     """
     kind, action = zone.get("type"), zone.get("action_type")
     if kind is None:
         yield "type", "polygon, circle or velocity_polygon"
-    # Velocity polygons are left out.
-    if kind != "velocity_polygon" and action is None:
+    if action is None:
         yield "action_type", "stop, slowdown, limit, approach or none"
     if kind == "polygon" and action not in {None, "approach"} and not zone.get("points"):
-        yield "points", '"[[x, y], [x, y], [x, y]]": a form that a topic gives cannot be taken here'
+        yield "points", f"{_CORNERS}: a form that a topic gives cannot be taken here"
     if kind == "circle" and zone.get("radius") is None:
         yield "radius", "in metres: a form that a topic gives cannot be taken here"
+    for name in zone.get("velocity_polygons") or [] if kind == "velocity_polygon" else []:
+        one = zone.get(name)
+        values = one if isinstance(one, dict) else {}
+        if not values.get("points"):
+            yield f"{name}.points", _CORNERS
+        for bound in ("linear_min", "linear_max", "theta_min", "theta_max"):
+            if values.get(bound) is None:
+                yield f"{name}.{bound}", "a speed"
 
 
 def _is_space(value: Value) -> bool:

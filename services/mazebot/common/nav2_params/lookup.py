@@ -69,7 +69,7 @@ def _found(
             why = f"{head} is not in {group.lister}: Nav2 does not read it either"
         else:
             why = _left_out(group, listed, head, rest, prefix, values)
-        where = f"{place}.{child.place}" if child else place
+        where = f"{place}.{child.place}".replace("*", head) if child else place
         entry = dataclasses.replace(entry, instance=head)
         if rest == "plugin" and group.key == "plugin":
             *_, differs = group.implied.get(kind, ("",))

@@ -85,8 +85,8 @@ class Group:
     implied: Mapping[str, tuple[str, Value, str]] = field(default_factory=dict)
     """What a class does other than its like, by its name: our setting below its place, the value of
     it, and a note."""
-    emptied: str = ""
-    """Our setting, without any of them where the list is empty."""
+    mapping: str = ""
+    """Our setting that is a mapping with these names, in the order of the list."""
     others: Namespace | None = None
     """What is taken of the parameters of any other class."""
     sensors: bool = False

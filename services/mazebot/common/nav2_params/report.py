@@ -67,6 +67,8 @@ def report(params: Nav2Params, models: Models) -> Report:
     order = sorted(range(len(entries)), key=lambda at: not _is_switch(entries[at]))
     done = {at: _row(entries[at], models, settings, owners) for at in order}
     rows = [done[at] for at in range(len(entries))]
+    for entry in entries:
+        _put_in_order(entry, models, settings)
     _check_wholes(params, rows, models, settings)
     taken = [
         f"{entry.node}.{entry.name}"
@@ -84,16 +86,20 @@ def _check_wholes(
     params: Nav2Params, rows: Sequence[Row], models: Models, settings: Mapping[str, Value]
 ) -> None:
     """Raises ConfigError where values that belong together are not taken."""
-    wholes: dict[str, dict[str, Row]] = {}
-    for entry, row in zip(params.entries, rows, strict=True):
-        if entry.parameter is not None and entry.parameter.whole and row.setting:
-            section, _, name = row.setting.rpartition(".")
-            wholes.setdefault(section, {})[name] = row
+    parts = {
+        row.setting: row
+        for entry, row in zip(params.entries, rows, strict=True)
+        if entry.parameter is not None and entry.parameter.whole and row.setting
+    }
+    sections = {name.rpartition(".")[0]: row for name, row in parts.items()}
     problems = []
-    for section, parts in wholes.items():
+    for section, first in sections.items():
+        if any(section.startswith(f"{other}.") for other in sections):
+            # It is a part of another one.
+            continue
         for name, problem in problems_of(section, value_of(settings, section), models):
-            row = next((parts[part] for part in parts if f"{name}.".startswith(f"{part}.")),
-                       next(iter(parts.values())))  # fmt: skip
+            at = f"{section}.{name}."
+            row = next((parts[part] for part in parts if at.startswith(f"{part}.")), first)
             said = f"{params.name}:{row.line}: {row.node}.{row.parameter}: {row.value!r:.60}"
             problems.append(f"{said}: {problem}")
     if problems:
@@ -113,7 +119,7 @@ def _row(
     )  # fmt: skip
     if entry.group is not None and _is_switch(entry):
         return _switched(entry, entry.group, row, models, settings)
-    emptied = _emptied(entry, models)
+    emptied = _mapping(entry, models) if entry.value == [] else ""
     if emptied:
         put_value(settings, emptied, {})
         note = joined_notes(row.note, "there are none then, nor those by default here")
@@ -151,12 +157,20 @@ def _row(
     return dataclasses.replace(row, status=status, setting=path, note=note)
 
 
-def _emptied(entry: Entry, models: Models) -> str:
-    """Our setting that an empty list empties; "": the entry is no such list."""
-    if entry.group is None or entry.knowledge != "parameter" or entry.value != []:
+def _mapping(entry: Entry, models: Models) -> str:
+    """Our setting that is a mapping with the names of a list; "": the entry is no such list."""
+    if entry.group is None or entry.knowledge != "parameter":
         return ""
-    found = setting(entry.place, entry.group.emptied, "", models)
+    found = setting(entry.place, entry.group.mapping, "", models)
     return found[0] if found else ""
+
+
+def _put_in_order(entry: Entry, models: Models, settings: dict[str, dict[str, Value]]) -> None:
+    """Where a list gives the order of what a mapping of ours has, that of the file may differ."""
+    path = _mapping(entry, models)
+    found = value_of(settings, path) if path else None
+    if found:
+        put_value(settings, path, {one: found[one] for one in entry.value if one in found})
 
 
 def _is_switch(entry: Entry) -> bool:
@@ -252,8 +266,6 @@ def _structure(entry: Entry, row: Row, taken: Iterable[str]) -> Row:
     used = any(name.startswith(space) for space in spaces for name in taken)
     if not used:
         note = row.note if row.note != "has no setting here" else ""
-        if entry.group is not None and entry.group.emptied:
-            note = joined_notes(note, "those by default here stay")
         return dataclasses.replace(row, note=joined_notes(note, "none of their parameters is used"))
     note = row.note if row.note != "has no setting here" else ""
     note = joined_notes(note, "its parameters are used")

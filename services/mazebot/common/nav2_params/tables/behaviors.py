@@ -53,6 +53,7 @@ global_footprint_topic string global_costmap/published_footprint * !default
                 "spin": "Spin", "backup": "BackUp", "drive_on_heading": "DriveOnHeading",
                 "assisted_teleop": "AssistedTeleop", "wait": "Wait",
             },
+            always=(("Spin",), ("BackUp",), ("DriveOnHeading",), ("AssistedTeleop",), ("Wait",)),
         )
     ],
 )  # fmt: skip
@@ -87,6 +88,7 @@ navigators strings [navigate_to_pose,navigate_through_poses] * =-
                 "navigate_to_pose": "NavigateToPoseNavigator",
                 "navigate_through_poses": "NavigateThroughPosesNavigator",
             },
+            always=(("NavigateToPoseNavigator",), ("NavigateThroughPosesNavigator",)),
         )
     ],
 )

@@ -24,12 +24,8 @@ velocity_timeout double 1.0 >=0
 """,
 )
 
-_AREA = namespace(
-    "polygons.*",
-    """
+_ZONE = """
 type string - {polygon,circle,velocity_polygon}
-points polygon [] *
-radius double - >0
 action_type string - {stop,slowdown,limit,approach,none}
 min_points int 4 >=1
 trigger_consecutive_points int 1 >=1
@@ -40,24 +36,29 @@ angular_limit double 0.5 >=0
 time_before_collision double 2.0 >=0
 enabled bool true *
 - simulation_time_step footprint_topic polygon_sub_topic polygon_pub_topic sources_names visualize
+"""
+_AREA = namespace("polygons.*", f"{_ZONE}points polygon [] *\nradius double - >0\n", whole=True)
+_VELOCITY = namespace(
+    "velocity_polygons.*",
+    """
+points polygon [] *
+linear_min double - *
+linear_max double - *
+theta_min double - *
+theta_max double - *
+- direction_start_angle direction_end_angle # the robot cannot move sideways
 """,
     whole=True,
 )
-_VELOCITY = namespace(
-    "velocity",
-    "- points linear_min linear_max theta_min theta_max direction_start_angle direction_end_angle",
-)
 _VELOCITY_AREA = namespace(
-    "velocity_polygon",
-    """
+    "polygons.*",
+    f"""{_ZONE}
 velocity_polygons strings [] * =-
 holonomic bool false * =- !false
-- type points radius action_type min_points trigger_consecutive_points release_consecutive_points
-- slowdown_ratio linear_limit angular_limit time_before_collision enabled simulation_time_step
-- footprint_topic polygon_sub_topic polygon_pub_topic sources_names visualize
+- points radius # each velocity polygon has its own
 """,
-    [Group("velocity_polygons", {"": _VELOCITY}, key="")],
-    note="velocity polygons must be set in our own settings",
+    [Group("velocity_polygons", {"": _VELOCITY}, key="", mapping="velocity_polygons")],
+    whole=True,
 )
 
 _SOURCE = namespace(
@@ -88,7 +89,7 @@ observation_sources strings - * =-
             "polygons",
             {"polygon": _AREA, "circle": _AREA, "velocity_polygon": _VELOCITY_AREA, "": _AREA},
             key="type",
-            emptied="polygons",
+            mapping="polygons",
         ),
         Group("observation_sources", {"": _SOURCE}, key=""),
     ],
