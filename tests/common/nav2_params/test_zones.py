@@ -107,6 +107,8 @@ def test_nothing_of_the_monitor_is_off_because_a_launch_file_may_switch_it_off()
     values = {"enabled": "$(var on)", **monitor(Z={**ZONE, "enabled": "$(var on)"})}
     config = config_of(told("collision_monitor", values)).collision_monitor
     assert (config.enabled, config.polygons["Z"].enabled) == (True, True)
+    listed = {**monitor(Z=ZONE), "polygons": ["$(var zone)", "Z"]}
+    assert list(config_of(told("collision_monitor", listed)).collision_monitor.polygons) == ["Z"]
 
 
 def test_velocity_polygons_are_those_of_the_file_in_the_order_of_its_list() -> None:

@@ -169,7 +169,7 @@ def _put_in_order(entry: Entry, models: Models, settings: dict[str, dict[str, Va
     """Where a list gives the order of what a mapping of ours has, that of the file may differ."""
     path = _mapping(entry, models)
     found = value_of(settings, path) if path else None
-    if found:
+    if found and entry.value:
         put_value(settings, path, {one: found[one] for one in entry.value if one in found})
 
 
