@@ -60,8 +60,8 @@ def test_the_lidar_is_known_by_its_topic_and_not_by_the_sources_name() -> None:
     assert source_set(costmap(o=layer(laser=SCAN))) == SET
     unsaid = {name: value for name, value in SCAN.items() if name not in {"topic", "data_type"}}
     assert source_set(costmap(o=layer(scan=unsaid))) == SET
-    filled_in = {**SCAN, "topic": "$(var scan_topic)"}
-    assert source_set(costmap(o=layer(scan=filled_in))) == SET
+    for topic in ("$(var scan_topic)", "<robot_namespace>/scan"):
+        assert source_set(costmap(o=layer(scan={**SCAN, "topic": topic}))) == SET
 
 
 def test_a_layer_of_another_sensor_does_not_displace_that_of_the_lidar() -> None:
