@@ -59,6 +59,8 @@ class Stage:
         """Called with each goal; an error code of a refused one, else 0."""
         self.stuck = False
         self.localized = True
+        self.navigation: dict[str, Any] = {}
+        """Other fields of navigation's status."""
         self._sequence = 0
         start = doc.Planar(x_m=home.x_m, y_m=home.y_m, yaw_rad=home.yaw_rad)
         self.world = world.model_copy(update={"start": start})
@@ -81,6 +83,10 @@ class Stage:
             self.goal = goal
         elif topic is table.EXPLORATION_STATUS:
             self.statuses.append(message)
+            goal = self.goal
+            if message.state == "paused" and goal and goal[0] == message.goal_stamp_ns:
+                self.goal = None
+                self.end(goal, 9012)
         elif topic is table.FRONTIERS:
             self.frontiers.append(message)
 
@@ -113,7 +119,7 @@ class Stage:
             if self.goal is not None:
                 x_m, y_m, yaw_rad = self.goal[1]
                 goal = doc.Planar(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad)
-            changed = {"goal": goal, "navigation_active": self.localized}
+            changed = {"goal": goal, "navigation_active": self.localized, **self.navigation}
             self.say(table.NAVIGATION_STATUS, ACTIVE.model_copy(update=changed))
         pose = msg.PoseWithCovariance(pose=msg.pose_from_se2(self.robot), covariance=np.zeros(36))
         header = msg.header(self.now_ns, "map")

@@ -8,6 +8,7 @@ from typing import Literal
 
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages.error_codes import ErrorCode
+from mazebot.common.messages.slam_documents import ExplorationStatus, PlaceSetAside
 from mazebot.common.world.costmap import Cells
 from mazebot.explorer.exploration import Aim, Survey, aim, still, survey
 from mazebot.explorer.frontiers import guessed_m2
@@ -55,7 +56,7 @@ class _Sent:
     pose: SE2
     stamp_ns: int
     aim: Aim | None
-    """None: home, or where the robot pauses."""
+    """None: home."""
 
 
 class Explorer:
@@ -67,8 +68,14 @@ class Explorer:
         self.reason = ""
         self.is_localized = True
         """Whether the robot knows where it is, as navigation has it."""
+        self.is_held = False
+        """Whether the robot may not move: the task is paused, or the robot is held or blind."""
         self.driven_m = 0.0
         self.goals = 0
+        self.goal_stamp_ns: int | None = None
+        """Of the goal that was sent last."""
+        self.explored_ns = 0
+        """Time of exploring, without that in which the robot was held."""
         self.seen: Survey | None = None
         """The map as it was looked at last."""
         self.aim: Aim | None = None
@@ -80,7 +87,7 @@ class Explorer:
         self._busy_ns = 0
         """When navigation was last busy."""
         self._yields = False
-        """Whether a new goal, of somebody else, comes first."""
+        """Whether a goal of somebody else comes first."""
         self._aside = SetAside()
         self._looked_ns: int | None = None
         self._fresh = False
@@ -91,7 +98,8 @@ class Explorer:
         """When the goal was reached from which nothing was seen yet."""
         self._least_m = float("inf")
         self._progress_ns = 0
-        self._begun_ns: int | None = None
+        self._stepped_ns: int | None = None
+        """When the last step was."""
         self._told_ns = 0
         """When progress was logged last."""
         self._furthest_m = 0.0
@@ -99,7 +107,16 @@ class Explorer:
         self._home_failures = 0
         self._refusals = 0
         """Goals for the current aim at which something stands."""
-        self._stopped = False
+
+    def go_on(self, kept: ExplorationStatus) -> None:
+        """Go on with the exploration of a process before."""
+        if kept.state == "waiting":
+            return
+        self.state, self.reason = kept.state, kept.reason
+        self.driven_m, self.goals = kept.driven_m, kept.goals
+        self.goal_stamp_ns = kept.goal_stamp_ns
+        self.explored_ns = round(kept.explored_s * 1e9)
+        self._aside.restore((place.x_m, place.y_m, place.tries) for place in kept.places_set_aside)
 
     def take_map(self, now_ns: int, grid: MapSoFar) -> None:
         """The map as it is now."""
@@ -122,11 +139,10 @@ class Explorer:
         self._busy_ns = now_ns
 
     def pause(self) -> None:
-        """Stop, and stay."""
+        """Stop, and stay: navigation cancels the goal that was sent last."""
         if self.state in ("exploring", "returning", "waiting"):
             self.state, self.reason = "paused", "stopped on request"
             self._sent = self.aim = None
-            self._stopped = False
 
     def resume(self) -> None:
         """Go on, also after the end: a map may be looked at again."""
@@ -136,7 +152,7 @@ class Explorer:
     def _begin(self) -> None:
         self.state, self.reason = "exploring", ""
         self._sent = self.aim = self._nothing_ns = self._reached_ns = self._looked_ns = None
-        self._begun_ns = None
+        self.explored_ns = 0
         self._home_failures = 0
 
     @property
@@ -156,6 +172,12 @@ class Explorer:
         """Frontiers beyond the limits of the exploration."""
         return len({*self.seen.open, *self.seen.far}) if self.seen is not None else 0
 
+    def places_set_aside(self) -> tuple[PlaceSetAside, ...]:
+        """Where it does not drive to, for now or for ever."""
+        return tuple(
+            PlaceSetAside(x_m=x_m, y_m=y_m, tries=tries) for x_m, y_m, tries in self._aside.places()
+        )
+
     def free_m2(self) -> float:
         """Floor seen that the robot can reach."""
         return self.seen.floor.reachable_m2 if self.seen is not None else 0.0
@@ -174,17 +196,20 @@ class Explorer:
         """Advance, once navigation is ready; a goal to send now, if any. Its message must have the
         stamp `now_ns`.
         """
+        last_ns = now_ns if self._stepped_ns is None else self._stepped_ns
+        self._stepped_ns = now_ns
+        if self.is_held:
+            self._wait(now_ns - last_ns)
+            return None
         if self._map is None or self._robot is None:
             return None
         if self.state == "waiting":
             _LOG.info("exploring from (%.2f, %.2f)", self._robot.x_m, self._robot.y_m)
             self._begin()
-        if self.state == "paused":
-            return self._stand(now_ns)
+            self._told_ns = now_ns
         if self.state not in ("exploring", "returning"):
             return None
-        if self._begun_ns is None:
-            self._begun_ns = self._told_ns = now_ns
+        self.explored_ns += now_ns - last_ns
         if self._yields:
             self._progress_ns = now_ns
             if now_ns - self._busy_ns < _RESEND_NS:
@@ -199,6 +224,14 @@ class Explorer:
         if self.state != "exploring" or self.aim is None:
             return None
         return self._send(now_ns, self.aim.pose, self.aim)
+
+    def _wait(self, held_ns: int) -> None:
+        """Time in which the robot may not move is none without progress."""
+        self._progress_ns += held_ns
+        if self._nothing_ns is not None:
+            self._nothing_ns += held_ns
+        if self._reached_ns is not None:
+            self._reached_ns += held_ns
 
     def _due(self, now_ns: int) -> bool:
         period_ns = int(1e9 / self._params.planner_frequency)
@@ -222,7 +255,7 @@ class Explorer:
         if seen.robot is None:
             self._wait_for_floor(now_ns)
             return
-        if self._is_enough(now_ns):
+        if self._is_enough():
             return
         current = self.aim
         if params.choice == "nearest" and current is not None and self._reached_ns is None:
@@ -258,12 +291,10 @@ class Explorer:
                 self.free_m2(), self.driven_m, _counted(self.reachable),
             )  # fmt: skip
 
-    def _is_enough(self, now_ns: int) -> bool:
+    def _is_enough(self) -> bool:
         """End the exploration at a limit that the user has set; whether it has ended."""
         params = self._params
-        assert self._begun_ns is not None
-        explored_s = (now_ns - self._begun_ns) * 1e-9
-        if 0.0 < params.time_allowance <= explored_s:
+        if 0.0 < params.time_allowance <= self.explored_ns * 1e-9:
             limit = f"time_allowance: {params.time_allowance:g} s"
         elif 0.0 < params.max_area <= self.free_m2():
             limit = f"max_area: {params.max_area:g} m2"
@@ -332,13 +363,6 @@ class Explorer:
         self._reached_ns = self._nothing_ns = None
         return self._send(now_ns, self._home if self.aim is None else self.aim.pose, self.aim)
 
-    def _stand(self, now_ns: int) -> SE2 | None:
-        """Once, the robot's own place as a goal: it stops there."""
-        if self._stopped or self._robot is None:
-            return None
-        self._stopped = True
-        return self._send(now_ns, self._robot, None)
-
     def _send(self, now_ns: int, pose: SE2, what_for: Aim | None) -> SE2 | None:
         sent = self._sent
         if self._reached_ns is not None and sent is not None:
@@ -351,6 +375,7 @@ class Explorer:
                 return None
         self._reached_ns = None
         self._sent = _Sent(pose, now_ns, what_for)
+        self.goal_stamp_ns = now_ns
         if what_for is not None:
             self.goals += 1
         return pose
@@ -361,7 +386,7 @@ class Explorer:
         if sent is None or sent.stamp_ns != stamp_ns or self.state == "paused":
             return
         if error_code == ErrorCode.PREEMPTED:
-            _LOG.info("a new goal comes first: the exploration goes on when it has ended")
+            _LOG.info("another goal comes first: the exploration goes on when it has ended")
             self._yields, self._busy_ns = True, now_ns
         if error_code in _NOT_OUR_FAULT:
             return

@@ -58,8 +58,12 @@ class ExplorerNode(Node):
         self._explorer: Explorer | None = None
         self._posed = False
         self._beat = Beat(_STATUS_PERIOD_NS)
-        self._published: tuple[str, str, int | None] | None = None
-        """State, reason and epoch of the status last published."""
+        self._published: tuple[str, str, int | None, int | None] | None = None
+        """State, reason, goal and epoch of the status last published."""
+        self._kept: tuple[ExplorationStatus, str] | None = None
+        """The last status of the process before, and the hash of its world."""
+        self._resumed = False
+        """Whether that has been taken up, or there was none."""
 
     def prepare(self) -> None:
         """See Node."""
@@ -102,15 +106,49 @@ class ExplorerNode(Node):
             self._reset()
         self._learn(now_ns, inbox)
         explorer = self._explorer
+        if explorer is not None and not self._goes_on(inbox, explorer):
+            return
+        self._hear_resume(inbox)
         if explorer is None:
             return
         for ended in inbox.new(NAVIGATION_RESULT):
             explorer.ended(now_ns, ended.goal_stamp_ns, ended.error_code, ended.error_msg)
-        if self.waiting_for() is None or explorer.state != "waiting":
+        goal = None
+        if self._navigation and (self.waiting_for() is None or explorer.state != "waiting"):
             goal = explorer.step(now_ns)
-            if goal is not None:
-                self._send(now_ns, outbox, goal)
+        # First, so that navigation knows whose goal it is.
         self._publish(now_ns, outbox, explorer)
+        if goal is not None:
+            self._send(now_ns, outbox, goal)
+
+    def _goes_on(self, inbox: Inbox, explorer: Explorer) -> bool:
+        """Take up the exploration of the process before, if it was in this run; False: whether
+        there was one is not known yet.
+        """
+        for status, envelope in inbox.arrivals(EXPLORATION_STATUS):
+            self._kept = status, envelope.world_hash
+        if self._resumed:
+            return True
+        if not inbox.is_handed_over or (self._kept and self._watch.epoch is None):
+            return False
+        self._resumed = True
+        if self._kept is not None:
+            status, world_hash = self._kept
+            if (world_hash, status.epoch) == (self.world_hash, self._watch.epoch):
+                _LOG.warning("explorer resumed: the exploration is %s", status.state)
+                explorer.go_on(
+                    status.model_copy(update={"reason": ""}) if status.reason == _LOST else status
+                )
+        return True
+
+    def _hear_resume(self, inbox: Inbox) -> None:
+        for resume in inbox.new(EXPLORE_RESUME):
+            if self._explorer is None:
+                inbox.reject(EXPLORE_RESUME, "no exploration requested")
+            elif resume.data:
+                self._explorer.resume()
+            else:
+                self._explorer.pause()
 
     def _wanted(self) -> bool:
         return self._world is not None and self._world.slam and self._world.explore
@@ -130,6 +168,7 @@ class ExplorerNode(Node):
             self._navigation = status
             if self._explorer is not None:
                 self._explorer.is_localized = status.navigation_active
+                self._explorer.is_held = status.is_held
                 if status.is_busy:
                     self._explorer.navigation_is_busy(now_ns)
         self._take_map(now_ns, inbox)
@@ -138,13 +177,6 @@ class ExplorerNode(Node):
             if self._watch.is_of_this_run(stamp_ns, AMCL_POSE, inbox) and self._explorer:
                 self._posed = True
                 self._explorer.take_pose(msg.se2_from_pose(pose.pose.pose))
-        for resume in inbox.new(EXPLORE_RESUME):
-            if self._explorer is None:
-                inbox.reject(EXPLORE_RESUME, "no exploration requested")
-            elif resume.data:
-                self._explorer.resume()
-            else:
-                self._explorer.pause()
 
     def _take_map(self, now_ns: int, inbox: Inbox) -> None:
         if self._explorer is None:
@@ -178,14 +210,16 @@ class ExplorerNode(Node):
         )
 
     def _publish(self, now_ns: int, outbox: Outbox, explorer: Explorer) -> None:
-        """Publish status and frontiers, once a second and when the state is another one."""
+        """Publish status and frontiers, once a second and when the state or the goal is another
+        one.
+        """
         missing = self.waiting_for()
         reason = explorer.reason
         if explorer.state == "waiting" and missing is not None:
             reason = f"waiting for {missing}"
         elif explorer.state in ("exploring", "returning") and not explorer.is_localized:
             reason = _LOST
-        status = (explorer.state, reason, self._watch.epoch)
+        status = (explorer.state, reason, explorer.goal_stamp_ns, self._watch.epoch)
         due = self._beat.due(now_ns)
         if not due and status == self._published:
             return
@@ -204,6 +238,9 @@ class ExplorerNode(Node):
                 seen_share=min(explorer.seen_share(), 1.0),
                 driven_m=explorer.driven_m,
                 goals=explorer.goals,
+                goal_stamp_ns=explorer.goal_stamp_ns,
+                explored_s=explorer.explored_ns * 1e-9,
+                places_set_aside=explorer.places_set_aside(),
                 epoch=self._watch.epoch or 0,
             ),
         )

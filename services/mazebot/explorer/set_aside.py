@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +22,8 @@ _SAME_M = 1.0
 @dataclass(eq=False)
 class _Place:
     target_m: tuple[float, float]
-    around: Cells
+    around: Cells | None
+    """None: as it is at the next look."""
     tries: int = 1
     open: bool = False
     """May be driven to again."""
@@ -32,6 +34,14 @@ class SetAside:
 
     def __init__(self) -> None:
         self._places: list[_Place] = []
+
+    def places(self) -> list[tuple[float, float, int]]:
+        """x, y and number of tries of each place that has failed."""
+        return [(*place.target_m, place.tries) for place in self._places]
+
+    def restore(self, places: Iterable[tuple[float, float, int]]) -> None:
+        """Set the places aside that `places` told of."""
+        self._places = [_Place((x_m, y_m), None, tries) for x_m, y_m, tries in places]
 
     def targets_m(self) -> list[tuple[float, float]]:
         """(x, y) of the places that are set aside."""
@@ -54,6 +64,8 @@ class SetAside:
             if place.open or place.tries >= _MOST_TRIES:
                 continue
             now = _around(floor, place.target_m)
+            if place.around is None:
+                place.around = now
             if np.count_nonzero(now != place.around) >= _CHANGED_CELLS:
                 place.open = found = True
         return found

@@ -13,6 +13,7 @@ from mazebot.common.messages import action_documents as act
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.documents import CancelGoal, CancelGoalReply, NavigationResult
 from mazebot.common.messages.error_codes import ErrorCode
+from mazebot.common.messages.slam_documents import ExplorationStatus
 from mazebot.navigation.behavior.actions import (
     FollowWaypoints,
     NavigateToPose,
@@ -67,6 +68,9 @@ class Goal(NamedTuple):
     """Times in a row that navigation ended soon on its way."""
     missed: tuple[act.WaypointStatus, ...] = ()
     """Waypoints of it that were missed so far."""
+    paused: bool = False
+    explores: bool = False
+    """Whether it is the explorer's."""
 
 
 class Goals:
@@ -76,6 +80,8 @@ class Goals:
         self.current: Goal | None = None
         self.before: Goal | None = None
         """Of the process before, which goes on as soon as navigation is active."""
+        self.exploration: ExplorationStatus | None = None
+        """It tells which goal is the explorer's."""
         self._resumed_ns = 0
         self._results: list[tuple[Goal, TaskResult]] = []
         self._ended: deque[str] = deque(maxlen=_ENDED_KEPT)
@@ -89,7 +95,9 @@ class Goals:
             pose = msg.se2_from_pose(message.pose)
             request = NavigateToPose(pose)
             asked = act.NavigateToPose(pose=planar_document(pose))
-            goal = Goal("", msg.ns_from_time(message.header.stamp), asked, now_ns)
+            stamp_ns = msg.ns_from_time(message.header.stamp)
+            explores = self.exploration is not None and self.exploration.goal_stamp_ns == stamp_ns
+            goal = Goal("", stamp_ns, asked, now_ns, explores=explores)
             if taken or not tries:
                 preempted = (ErrorCode.PREEMPTED, _PREEMPTED)
                 rejected.append((goal, goal_result(request, now_ns, *preempted)))
@@ -101,9 +109,14 @@ class Goals:
                         ErrorCode.TF_ERROR,
                         f"frame_id {message.header.frame_id!r:.40}: must be 'map' or empty",
                     )
+                if explores and self.current is not None and not self.current.explores:
+                    raise NavigationError(
+                        ErrorCode.PREEMPTED, "the exploration waits: another goal comes first"
+                    )
                 self._start(now_ns, request, goal, ready)
             except NavigationError as error:
-                _LOG.error("Goal rejected with error %d: %s", error.code, error.message)
+                level = logging.INFO if error.code == ErrorCode.PREEMPTED else logging.ERROR
+                _LOG.log(level, "Goal rejected with error %d: %s", error.code, error.message)
                 rejected.append((goal, goal_result(request, now_ns, error.code, error.message)))
             else:
                 taken = True
@@ -142,7 +155,7 @@ class Goals:
 
     def _start(self, now_ns: int, request: Request, goal: Goal, ready: Ready) -> None:
         """Start a task. Raises NavigationError where it is rejected; the one before continues."""
-        ended = ready().navigator.start(now_ns, request, goal.start_ns)
+        ended = ready().navigator.start(now_ns, request, goal.start_ns, stays_paused=goal.explores)
         self._keep(ended)
         self.give_up_before(now_ns, ErrorCode.PREEMPTED, _PREEMPTED)
         self.current = goal
@@ -188,12 +201,15 @@ class Goals:
                     "navigation was restarted: how far the robot has moved is not known",
                 )
             self._start(now_ns, request, goal, ready)
+            if goal.paused:
+                ready().navigator.pause()
             self._resumed_ns = now_ns
         except NavigationError as error:
             _LOG.error("Goal ended with error %d: %s", error.code, error.message)
             self._end_before(now_ns, goal, error.code, error.message)
         else:
-            _LOG.warning("navigation resumed: %s goes on", request.action)
+            goes_on = "is paused, as before" if goal.paused else "goes on"
+            _LOG.warning("navigation resumed: %s %s", request.action, goes_on)
 
     def give_up_before(self, now_ns: int, code: ErrorCode, message: str) -> None:
         """End the goal that a process before had and that does not go on yet, if there is one."""
@@ -249,6 +265,30 @@ class Goals:
             accepted_ns=goal.start_ns,
         )
 
+    def stop_exploring(self, now_ns: int, drive: Drive | None) -> None:
+        """Cancel the explorer's goal where the exploration is paused."""
+        told = self.exploration
+        if told is None or told.state != "paused" or told.goal_stamp_ns is None:
+            return
+        if any(
+            one is not None and one.explores and one.stamp_ns == told.goal_stamp_ns
+            for one in (self.current, self.before)
+        ):
+            self.cancel(now_ns, drive, CancelGoal(goal_stamp_ns=told.goal_stamp_ns))
+
+    def pause(self, drive: Drive | None, paused: bool) -> act.Reply:
+        """Pause the task that runs, or the one that is to go on, or resume it."""
+        if drive is not None and drive.navigator.request is not None:
+            if paused:
+                drive.navigator.pause()
+            else:
+                drive.navigator.resume()
+        elif self.before is not None:
+            self.before = self.before._replace(paused=paused)
+        else:
+            return act.Reply(error="no action is running")
+        return act.Reply()
+
     def take_results(
         self, docks: Callable[[], Mapping[str, SE2]]
     ) -> list[NavigationResult | act.ActionResult]:
@@ -272,17 +312,6 @@ def _is_meant(asked: CancelGoal, goal: Goal | None) -> bool:
         and asked.action in (None, goal.asked.action)
         and (asked.accepted_until_ns is None or goal.start_ns <= asked.accepted_until_ns)
     )
-
-
-def pause_goal(drive: Drive | None, paused: bool) -> act.Reply:
-    """Pause the task that runs, or resume it."""
-    if drive is None or drive.navigator.request is None:
-        return act.Reply(error="no action is running")
-    if paused:
-        drive.navigator.pause()
-    else:
-        drive.navigator.resume()
-    return act.Reply()
 
 
 def input_at_waypoint(drive: Drive | None) -> act.Reply:

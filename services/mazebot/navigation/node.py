@@ -32,6 +32,7 @@ from mazebot.common.messages.documents import (
 )
 from mazebot.common.messages.error_codes import ErrorCode
 from mazebot.common.messages.scan import Mount, Scan
+from mazebot.common.messages.slam_documents import ExplorationStatus
 from mazebot.common.messages.topics import (
     ACTION_FEEDBACK,
     ACTION_RESULT,
@@ -49,6 +50,7 @@ from mazebot.common.messages.topics import (
     DEPTH_SCAN,
     DETECTIONS,
     ENTITIES,
+    EXPLORATION_STATUS,
     GLOBAL_COSTMAP,
     GLOBAL_COSTMAP_UPDATES,
     GLOBAL_LOCALIZATION_REQUEST,
@@ -113,7 +115,7 @@ from mazebot.navigation.costmap.layered_costmap import (
 from mazebot.navigation.costmap.zones import Zones, zones_of
 from mazebot.navigation.drive import Drive
 from mazebot.navigation.errors import NavigationError
-from mazebot.navigation.goals import Goal, Goals, input_at_waypoint, pause_goal
+from mazebot.navigation.goals import Goal, Goals, input_at_waypoint
 from mazebot.navigation.kernels import check_parts, compile_kernels
 from mazebot.navigation.mask_files import masks_of
 from mazebot.navigation.messages import (
@@ -203,6 +205,7 @@ class NavigationNode(Node):
         """See RobotContext: they hold for all worlds and maps."""
         self._zones_shown: Zones | None = None
         self._goals = Goals()
+        self._exploration: ExplorationStatus | None = None
         self._kept: act.NavigationCheckpoint | None = None
         """Of the process before, until its goal is known to be of this run."""
         self._resumed = False
@@ -286,7 +289,11 @@ class NavigationNode(Node):
             view = self._measured.view(now_ns, self._watch.epoch, drive.tracker, hidden_m)
             drive.robot.begin(view)
         self._resume(now_ns, inbox, outbox)
-        self._goals.take_poses(now_ns, inbox.new(GOAL_POSE), self._ready_drive)
+        poses = inbox.new(GOAL_POSE)
+        # After the poses, as it is sent before the goal that it tells of.
+        self._hear_exploration(inbox)
+        self._goals.take_poses(now_ns, poses, self._ready_drive)
+        self._goals.stop_exploring(now_ns, self._drive)
         self._answer(now_ns, inbox)
         if self._drive is not None:
             self._hear_selectors(inbox, self._drive.robot)
@@ -314,13 +321,19 @@ class NavigationNode(Node):
             if kept.goal is not None:
                 self._goals.before = Goal(
                     kept.goal_id, kept.goal_stamp_ns, kept.goal, kept.start_ns, kept.resumed,
-                    kept.missed,
+                    kept.missed, kept.paused, kept.explores,
                 )  # fmt: skip
             # Who waits for its result learns that it is not lost, before it may end.
             self._put_checkpoint(outbox, _Checkpoint(*run, self._goals.before, self._changed))
         if self.waiting_for() is None:
             self._kept, self._resumed = None, True
             self._goals.resume(now_ns, self._ready_drive)
+
+    def _hear_exploration(self, inbox: Inbox) -> None:
+        status = self._exploration = inbox.latest(EXPLORATION_STATUS) or self._exploration
+        # In a run that is repeated, goals have the same stamps again.
+        of_this_run = status is not None and status.epoch == (self._watch.epoch or 0)
+        self._goals.exploration = status if of_this_run else None
 
     def _take_parameters(self, now_ns: int, kept: Mapping[str, JsonValue], outbox: Outbox) -> None:
         """Set what was set in the process before, except what was set in this one."""
@@ -614,7 +627,7 @@ class NavigationNode(Node):
             for cancel in inbox.requests(CANCEL_GOAL):
                 cancel.respond(self._goals.cancel(now_ns, drive, cancel.message))
         for pause in inbox.requests(PAUSE_GOAL):
-            pause.respond(pause_goal(drive, pause.message.pause))
+            pause.respond(self._goals.pause(drive, pause.message.pause))
         for given in inbox.requests(INPUT_AT_WAYPOINT):
             given.respond(input_at_waypoint(drive))
         for path in inbox.requests(COMPUTE_PATH):
@@ -746,7 +759,10 @@ class NavigationNode(Node):
         if not (self._resumed or self._checkpoint):
             # What others keep may still come, until it was taken up.
             return
-        goal = self._goals.remaining(now_ns, feedback) or self._goals.before
+        goal = self._goals.remaining(now_ns, feedback)
+        if goal is not None and self._drive is not None:
+            goal = goal._replace(paused=self._drive.navigator.paused)
+        goal = goal or self._goals.before
         now = _Checkpoint(self.world_hash, self._watch.epoch, goal, self._changed)
         if now != self._checkpoint:
             self._put_checkpoint(outbox, now)
@@ -765,6 +781,8 @@ class NavigationNode(Node):
                 start_ns=0 if goal is None else goal.start_ns,
                 resumed=0 if goal is None else goal.resumed,
                 missed=() if goal is None else goal.missed,
+                paused=goal is not None and goal.paused,
+                explores=goal is not None and goal.explores,
             ),
         )
 
@@ -849,6 +867,8 @@ class NavigationNode(Node):
         state = "idle"
         if drive is not None and request is not None:
             state = drive.state()
+        elif (waits := self._kept or self._goals.before) is not None and waits.paused:
+            state = "held"
         recoveries = feedback.number_of_recoveries if feedback is not None else 0
         causes = self._stop_causes(now_ns)
         status = (localized, state, goal, recoveries, causes)

@@ -534,8 +534,7 @@ def test_a_goal_that_the_explorer_gives_up_is_neither_reached_nor_missed() -> No
     evaluation, again = RunEvaluation(make_world()), RunEvaluation(make_world())
     drive(evaluation)
     aim, better = SE2(9.0, 9.0, 0.0), SE2(START.x_m + 3.0, START.y_m, 0.0)
-    # The explorer's first goal comes just before its state.
-    for stamp_ns in (1, 2):
+    for stamp_ns in (1, 2, 3):
         evaluation.add_goal(
             msg.PoseStamped(msg.header(stamp_ns, MAP_FRAME), msg.pose_from_se2(aim))
         )
@@ -544,18 +543,20 @@ def test_a_goal_that_the_explorer_gives_up_is_neither_reached_nor_missed() -> No
     evaluation.add_result(first)
     evaluation.add_result(result(aim, 1.0, 2.0, ErrorCode.NO_VALID_PATH))
     # Stopped by the user: the state changes before navigation reports the end of the goal.
-    evaluation.add_exploration(ExplorationStatus(state="paused"))
+    evaluation.add_exploration(ExplorationStatus(state="paused", goal_stamp_ns=3))
     evaluation.add_result(first.model_copy(update={"goal_stamp_ns": 2}))
+    canceled = {"goal_stamp_ns": 3, "error_code": ErrorCode.CANCELED}
+    evaluation.add_result(first.model_copy(update=canceled))
     evaluation.add_result(result(aim, 3.0, 4.0, ErrorCode.PREEMPTED))
     evaluation.add_result(result(better, 5.0, 10.0))
     goals = evaluation.evaluation().goals
-    assert [goal.given_up for goal in goals] == [True, False, True, False, False]
+    assert [goal.given_up for goal in goals] == [True, False, True, True, False, False]
     assert [row[1] for row in goal_rows(goals)] == [
-        "given up", "no (208)", "given up", "no (9010)", "yes",
+        "given up", "no (208)", "given up", "given up", "no (9010)", "yes",
     ]  # fmt: skip
     assert len(failure_lines(goals)) == 0
     totals = evaluation.totals()
-    assert (totals["goals_sent"], totals["goals_reached"], totals["goals_given_up"]) == (3, 1, 2)
+    assert (totals["goals_sent"], totals["goals_reached"], totals["goals_given_up"]) == (3, 1, 3)
     assert totals["spl"] == pytest.approx(1 / 3, abs=0.01)
     again.restore(*evaluation.state())
     assert again.totals() == {**totals, "distance_m": None}

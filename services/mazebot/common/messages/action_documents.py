@@ -181,6 +181,8 @@ class NavigationCheckpoint(Document):
     start_ns: int = 0
     resumed: int = Field(0, description="times in a row that navigation ended soon on its way")
     missed: tuple[WaypointStatus, ...] = Field((), description="waypoints missed so far")
+    paused: bool = False
+    explores: bool = Field(False, description="whether it is the explorer's")
 
 
 class ComputePath(Document):

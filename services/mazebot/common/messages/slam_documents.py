@@ -77,8 +77,16 @@ class PoseGraph(Document):
     loops_rejected: int = Field(0, ge=0, description="loop closures that were rejected")
 
 
+class PlaceSetAside(Document):
+    """A place in the map that could not be reached, or not be seen from where it should be."""
+
+    x_m: Finite
+    y_m: Finite
+    tries: int = Field(1, ge=1, description="times that this was so")
+
+
 class ExplorationStatus(Document):
-    """How far the exploration has come."""
+    """How far the exploration has come, and what an explorer that is started again goes on with."""
 
     state: Literal["waiting", "exploring", "returning", "complete", "paused", "failed"]
     reason: str = Field("", description="one line: what it is waiting for, or why it ended")
@@ -94,4 +102,15 @@ class ExplorationStatus(Document):
     )
     driven_m: NonNegative = 0.0
     goals: int = Field(0, ge=0, description="view points sent")
+    goal_stamp_ns: int | None = Field(
+        None,
+        description="stamp of the goal that it has sent last: it replaces no goal of others, and a "
+        "pause; while the exploration is `paused`, navigation cancels it",
+    )
+    explored_s: NonNegative = Field(
+        0.0, description="time of exploring, without that in which the robot might not move"
+    )
+    places_set_aside: tuple[PlaceSetAside, ...] = Field(
+        (), description="where it does not drive to, for now or for ever"
+    )
     epoch: int = 0

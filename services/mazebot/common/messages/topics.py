@@ -293,8 +293,9 @@ POSE_GRAPH = Topic(
     rate_hz=0.2, returned=True, large=True,
 )  # fmt: skip
 EXPLORATION_STATUS = Topic(
-    "/explore/status", slam.ExplorationStatus, ("explorer",), ("bringup", "recorder"), _LATCHED,
-    "progress of the exploration", rate_hz=1,
+    "/explore/status", slam.ExplorationStatus, ("explorer",),
+    ("navigation", "bringup", "recorder"), _LATCHED,
+    "progress of the exploration, and the goal that it has sent last", rate_hz=1, returned=True,
 )  # fmt: skip
 FRONTIERS = Topic(
     "/explore/frontiers", msg.MarkerArray, ("explorer",), ("recorder",), _LATEST,

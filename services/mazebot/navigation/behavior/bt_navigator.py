@@ -175,10 +175,16 @@ class BtNavigator:
         return self._paused
 
     def start(
-        self, now_ns: int, request: Request, start_ns: int | None = None
+        self,
+        now_ns: int,
+        request: Request,
+        start_ns: int | None = None,
+        *,
+        stays_paused: bool = False,
     ) -> TaskResult | None:
         """Begin a request in place of the one before; returns the result of that one, if any.
-        `start_ns`: when it was begun by another process; None: now.
+        `start_ns`: when it was begun by another process; None: now. `stays_paused`: whether it is
+        paused where the one before was.
 
         A new goal of NavigateToPose or NavigateThroughPoses with the same tree replaces the old one
         without a stop. Raises NavigationError where the goal is refused: an occupied or unreachable
@@ -194,10 +200,10 @@ class BtNavigator:
             self._running = _Running(request, running.task, now_ns, behind_ns=running.behind_ns)
             self._log_begin(request)
             return preempted
-        task = self._task(request)
+        task, paused = self._task(request), self._paused and stays_paused
         ended = self._end(now_ns, _PREEMPTED) if running is not None else None
         self._running = _Running(request, task, now_ns if start_ns is None else start_ns)
-        self._paused = False
+        self._paused = paused
         self._log_begin(request)
         return ended
 

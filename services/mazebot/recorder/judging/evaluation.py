@@ -141,7 +141,7 @@ class RunEvaluation:
 
     def add_exploration(self, status: ExplorationStatus) -> None:
         """Add the explorer's state."""
-        self._goals.add_exploration(status.state)
+        self._goals.add_exploration(status)
         if self._mapping is not None:
             self._mapping.add_exploration(status, self._truth.now_s)
 

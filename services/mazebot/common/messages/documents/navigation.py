@@ -79,6 +79,14 @@ class NavigationStatus(Document):
         """Whether there is a goal, or another action runs."""
         return self.goal is not None or self.state != "idle"
 
+    @property
+    def is_held(self) -> bool:
+        """Whether the robot may not move, although it knows where it is: the task is paused, or the
+        robot in an emergency stop or blind.
+        """
+        stops = self.stop_level == "stop" and self.navigation_active
+        return stops or self.state == "held" or self.stop_level == "hold"
+
 
 class NavigationResult(Document):
     """The result of a goal, with Nav2's error codes (0 is success)."""

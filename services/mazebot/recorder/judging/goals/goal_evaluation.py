@@ -19,6 +19,7 @@ from mazebot.common.messages.documents import (
     World,
 )
 from mazebot.common.messages.error_codes import ErrorCode
+from mazebot.common.messages.slam_documents import ExplorationStatus
 from mazebot.common.messages.messages import ns_from_time
 from mazebot.recorder.judging.goals.judged_goal import JudgedGoal
 from mazebot.recorder.judging.goals.shortest_path import ShortestPath
@@ -71,6 +72,8 @@ class GoalEvaluation:
         self._exploring = False
         self._explorer_stamps_ns: set[int] = set()
         """Of goals that came while the explorer drove."""
+        self._stopped_stamp_ns: int | None = None
+        """Of the goal of an explorer that was stopped."""
         self._given_up_stamps_ns: set[int] = set()
         self._paths: tuple[tuple[BodyEntity, ...], ShortestPath] | None = None
         self._contact_stamps_ns: deque[int] = deque(maxlen=_MOST_CONTACTS)
@@ -83,9 +86,12 @@ class GoalEvaluation:
             self._explorer_stamps_ns.add(stamp_ns)
         self._remember_standing(stamp_ns)
 
-    def add_exploration(self, state: str) -> None:
-        """The explorer's state: while it drives, it replaces a goal when it has a better one."""
-        self._exploring = state in _EXPLORING
+    def add_exploration(self, status: ExplorationStatus) -> None:
+        """The explorer's state: while it drives, it replaces a goal when it has a better one; where
+        it is stopped, its goal is canceled.
+        """
+        self._exploring = status.state in _EXPLORING
+        self._stopped_stamp_ns = status.goal_stamp_ns if status.state == "paused" else None
 
     def add_feedback(self, feedback: ActionFeedback) -> None:
         """Add the progress of an action; its first one tells that it was sent."""
@@ -107,9 +113,11 @@ class GoalEvaluation:
         else:
             stamp_ns = result.goal_stamp_ns
             self._stamps_ns.add(stamp_ns)
-            # The explorer sends its first goal just before it reports that it drives.
             of_explorer = self._exploring or stamp_ns in self._explorer_stamps_ns
-            if of_explorer and result.error_code == ErrorCode.PREEMPTED:
+            is_stopped = stamp_ns == self._stopped_stamp_ns
+            if (of_explorer and result.error_code == ErrorCode.PREEMPTED) or (
+                is_stopped and result.error_code == ErrorCode.CANCELED
+            ):
                 self._given_up_stamps_ns.add(stamp_ns)
             self._explorer_stamps_ns.discard(stamp_ns)
         self._results.add(ns_from_s(result.end_time_s), result)
