@@ -104,8 +104,8 @@ class ExplorationStatus(Document):
     goals: int = Field(0, ge=0, description="view points sent")
     goal_stamp_ns: int | None = Field(
         None,
-        description="stamp of the goal that it has sent last: it replaces no goal of others, and a "
-        "pause; while the exploration is `paused`, navigation cancels it",
+        description="stamp of the goal that it has sent last: it replaces no goal of others and "
+        "ends no pause; while the exploration is `paused`, navigation cancels it",
     )
     explored_s: NonNegative = Field(
         0.0, description="time of exploring, without that in which the robot might not move"

@@ -19,8 +19,8 @@ from mazebot.common.messages.documents import (
     World,
 )
 from mazebot.common.messages.error_codes import ErrorCode
-from mazebot.common.messages.slam_documents import ExplorationStatus
 from mazebot.common.messages.messages import ns_from_time
+from mazebot.common.messages.slam_documents import ExplorationStatus
 from mazebot.recorder.judging.goals.judged_goal import JudgedGoal
 from mazebot.recorder.judging.goals.shortest_path import ShortestPath
 from mazebot.recorder.judging.obstacles import obstacles, read_meshes
