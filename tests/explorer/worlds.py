@@ -83,10 +83,10 @@ class Stage:
             self.goal = goal
         elif topic is table.EXPLORATION_STATUS:
             self.statuses.append(message)
-            goal = self.goal
-            if message.state == "paused" and goal and goal[0] == message.goal_stamp_ns:
+            own = self.goal
+            if message.state == "paused" and own and own[0] == message.goal_stamp_ns:
                 self.goal = None
-                self.end(goal, 9012)
+                self.end(own, 9012)
         elif topic is table.FRONTIERS:
             self.frontiers.append(message)
 
