@@ -11,6 +11,7 @@ from pydantic import Field
 from mazebot.common.messages.documents import Document, Finite, Planar, Quaternion, Vector
 
 NonNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+Coordinate = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]
 Covariance3 = tuple[Finite, Finite, Finite, Finite, Finite, Finite]
 """Upper triangle of a symmetric (3, 3) by rows: xx, xy, x yaw, yy, y yaw, yaw yaw."""
 
@@ -80,8 +81,8 @@ class PoseGraph(Document):
 class PlaceSetAside(Document):
     """A place in the map that could not be reached, or not be seen from where it should be."""
 
-    x_m: Finite
-    y_m: Finite
+    x_m: Coordinate
+    y_m: Coordinate
     tries: int = Field(1, ge=1, description="times that this was so")
 
 
@@ -107,7 +108,7 @@ class ExplorationStatus(Document):
         description="stamp of the goal that it has sent last: it replaces no goal of others and "
         "ends no pause; while the exploration is `paused`, navigation cancels it",
     )
-    explored_s: NonNegative = Field(
+    explored_s: Annotated[float, Field(ge=0.0, le=1e9)] = Field(
         0.0, description="time of exploring, without that in which the robot might not move"
     )
     places_set_aside: tuple[PlaceSetAside, ...] = Field(
