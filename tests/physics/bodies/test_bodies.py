@@ -121,6 +121,33 @@ def test_rays_meet_a_body_where_its_triangles_are(
             assert found == pytest.approx(surface_distance_m(mesh, start, far), abs=0.006)
 
 
+@pytest.mark.parametrize("mass_kg", [0.0, 1.0], ids=["static", "moving"])
+@pytest.mark.parametrize("radii_m", [(0.2, 0.15, 0.1), (0.4, 0.4, 0.4001), (0.01, 0.5, 0.3)])
+def test_rays_meet_an_ellipsoid_where_its_equation_says(
+    radii_m: tuple[float, float, float], mass_kg: float, closing: list[Any]
+) -> None:
+    turn = rotation_from_rpy(0.3, -0.2, 0.9)
+    xyzw = quaternion_from_rotation(turn)
+    geometry = Ellipsoid(radii_m=radii_m)
+    bodies = made(body(geometry=geometry, mass_kg=mass_kg, orientation_xyzw=xyzw))
+    closing.append(bodies)
+    middle = np.array([1.0, 0.0, 0.2])
+    rng = np.random.default_rng(4)
+    aims = rng.normal(size=(60, 3))
+    # Up to its very edge, and past it.
+    aims *= (rng.uniform(0.0, 1.05, 60) / np.linalg.norm(aims, axis=1))[:, None]
+    aims = aims * radii_m @ turn.T + middle
+    starts = rng.normal(size=(60, 3))
+    starts = starts / np.linalg.norm(starts, axis=1)[:, None] * 1.5 + middle
+    ways = (aims - starts) / np.linalg.norm(aims - starts, axis=1)[:, None]
+    o, u = (starts - middle) @ turn / radii_m, ways @ turn / radii_m
+    a, b, c = (u * u).sum(1), (o * u).sum(1), (o * o).sum(1) - 1.0
+    under = b * b - a * c
+    true_m = np.where(under >= 0.0, (-b - np.sqrt(np.maximum(under, 0.0))) / a, np.inf)
+    found_m = hit_distances_m(bodies, starts, starts + 3.0 * ways)
+    assert found_m == pytest.approx(true_m, abs=1e-9)
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_moves_falls_and_rests_on_the_floor(kind: str, closing: list[Any]) -> None:
     bodies = made(body(geometry=KINDS[kind], mass_kg=1.0, position_m=(1.0, 0.0, 0.6)))

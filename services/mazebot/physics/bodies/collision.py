@@ -42,14 +42,15 @@ _PLANE_THICKNESS_M = 0.02
 class Solid:
     """A convex piece of a body, or a surface that never moves."""
 
-    kind: Literal["box", "cylinder", "sphere", "capsule", "hull", "triangles"]
+    kind: Literal["box", "cylinder", "sphere", "capsule", "ellipsoid", "hull", "triangles"]
     body_from_solid: Array
     half_extents_m: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    """Of a box; of an ellipsoid its radii"""
     radius_m: float = 1.0
     length_m: float = 1.0
     """Along z; of a capsule without its ends."""
     vertices_m: Array | None = None
-    """(n, 3), of hull and triangles"""
+    """(n, 3), of hull and triangles; of an ellipsoid the corners of the hull that collides"""
     triangles: NDArray[np.int32] | None = None
 
 
@@ -153,7 +154,8 @@ def _solids(shape: Shape, meshes: Mapping[str, TriangleMesh], moves: bool) -> It
             radii_m = np.array(geometry.radii_m)[:, None]
             towards = radii_m * _spiral()
             # The farthest point of an ellipsoid in each direction.
-            yield Solid("hull", pose, vertices_m=(radii_m * towards / _lengths(towards)).T)
+            corners = (radii_m * towards / _lengths(towards)).T
+            yield Solid("ellipsoid", pose, geometry.radii_m, vertices_m=corners)
         case Cone():
             yield _hull(pose, triangles_of(geometry, {}).vertices_m)
         case Polyline():

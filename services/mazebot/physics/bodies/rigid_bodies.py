@@ -30,6 +30,7 @@ KINDS = {
     "cylinder": pybullet.GEOM_CYLINDER,
     "sphere": pybullet.GEOM_SPHERE,
     "capsule": pybullet.GEOM_CAPSULE,
+    "ellipsoid": pybullet.GEOM_MESH,
     "hull": pybullet.GEOM_MESH,
     "triangles": pybullet.GEOM_MESH,
 }

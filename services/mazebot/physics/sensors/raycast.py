@@ -23,8 +23,8 @@ from mazebot.physics.bodies.collision import Solid, hull_triangles
 _Vector = tuple[float, float, float]
 _Row = tuple[float, float, float, float]
 
-_CONVEX, _SURFACE, _SPHERE, _CYLINDER, _CAPSULE = range(5)
-_ROUND = {"sphere": _SPHERE, "cylinder": _CYLINDER, "capsule": _CAPSULE}
+_CONVEX, _SURFACE, _SPHERE, _CYLINDER, _CAPSULE, _ELLIPSOID = range(6)
+_ROUND = {"sphere": _SPHERE, "cylinder": _CYLINDER, "capsule": _CAPSULE, "ellipsoid": _ELLIPSOID}
 _FACES_A_BLOCK = 16
 """Neighbouring triangles of a surface that are tested together or not at all."""
 _BOX_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float64)
@@ -49,7 +49,9 @@ class RayTargets:
     half extents, radius
     """
     rounds_m: Array
-    """(b, 5), of a round solid: its axis, of unit length, its radius and half its length"""
+    """(b, 9), of a round solid: its axis, of unit length, its radius and half its length; of an
+    ellipsoid the rows of the (3, 3) matrix that makes it a ball of radius 1
+    """
     faces: NDArray[np.int32]
     """(b, 2), of the others: the first face, and the one after the last"""
     corners: NDArray[np.int32]
@@ -141,7 +143,7 @@ def _blocks(
         np.zeros(count, np.int32) if kinds is None else kinds,
         np.zeros(count, np.int32),
         np.zeros((count, 7)) if bounds_m is None else bounds_m,
-        np.zeros((count, 5)) if rounds_m is None else rounds_m,
+        np.zeros((count, 9)) if rounds_m is None else rounds_m,
         np.zeros((count, 2), np.int32) if faces is None else faces,
         np.zeros((0, 4), np.int32) if corners is None else corners,
         np.zeros((0, 3)) if vertices_m is None else vertices_m,
@@ -176,12 +178,16 @@ def _rounds(solids: Sequence[Solid]) -> RayTargets:
     poses = np.array([solid.body_from_solid for solid in solids]).reshape(count, 4, 4)
     radii = np.array([solid.radius_m for solid in solids])
     halves = np.array([solid.length_m / 2.0 for solid in solids])
-    reach = np.choose(kinds - _SPHERE, (radii, portable.hypot_each(radii, halves), radii + halves))
+    sides = np.array([solid.half_extents_m for solid in solids]).reshape(count, 3)
+    ends = (radii, portable.hypot_each(radii, halves), radii + halves, sides.max(axis=1, initial=0))
+    reach = np.choose(kinds - _SPHERE, ends)
+    balls = poses[:, :3, :3].transpose(0, 2, 1) / sides[:, :, None]
+    sizes = np.column_stack((poses[:, :3, 2], radii, halves, np.zeros((count, 4))))
     return _blocks(
         count,
         kinds,
         bounds_m=np.column_stack((poses[:, :3, 3], reach, reach, reach, reach)),
-        rounds_m=np.column_stack((poses[:, :3, 2], radii, halves)),
+        rounds_m=np.where((kinds == _ELLIPSOID)[:, None], balls.reshape(count, 9), sizes),
     )
 
 
@@ -267,6 +273,11 @@ def _cast(
                     *(rows, vertices_m, corners, face, convex),
                     *(directions, range_max_m, ranges),
                 )
+        elif kinds[block] == _ELLIPSOID:
+            _meet_ellipsoid(
+                *(rows, rounds_m, block, (x, y, z), (away, reach)),
+                *(directions, range_max_m, ranges),
+            )
         else:
             along = rounds_m[block, 0], rounds_m[block, 1], rounds_m[block, 2]
             axis = (
@@ -398,15 +409,8 @@ def _meet_round(
 ) -> None:
     """Intersect a round solid with the rays within the angle of its bounding sphere."""
     rays = len(directions)
-    per_rad = rays / (2.0 * math.pi)
-    away, reach = seen
     radius, half = size
-    first, last = 0, rays - 1
-    if away > reach:
-        middle = portable_kernels.atan2(centre[1], centre[0])
-        spread = portable_kernels.asin(reach / away)
-        first = math.ceil((middle - spread) * per_rad - 1e-9)
-        last = math.floor((middle + spread) * per_rad + 1e-9)
+    first, last = _rays_within(centre, seen, rays)
     # Points on a ray, seen from the solid's centre, are o + t u: o = -centre, u has no z.
     square = centre[0] * centre[0] + centre[1] * centre[1] + centre[2] * centre[2]
     start = -(centre[0] * axis[0] + centre[1] * axis[1] + centre[2] * axis[2])
@@ -448,3 +452,59 @@ def _meet_round(
                 enter = min(enter, low)
         if 0.0 <= enter <= range_max_m and enter < ranges[ray]:
             ranges[ray] = enter
+
+
+@kernel()
+def _meet_ellipsoid(
+    rows: tuple[_Row, _Row, _Row],
+    rounds_m: Array,
+    block: int,
+    centre: _Vector,
+    seen: tuple[float, float],
+    directions: Array,
+    range_max_m: float,
+    ranges: Array,
+) -> None:
+    """Intersect an ellipsoid with the rays within the angle of its bounding sphere, as a ball of
+    radius 1 in coordinates that make it one.
+    """
+    rays = len(directions)
+    first, last = _rays_within(centre, seen, rays)
+    ball = rounds_m[block]
+    for index in range(first, last + 1):
+        ray = index % rays
+        ux, uy = directions[ray, 0], directions[ray, 1]
+        # Points on a ray, seen from the centre, are o + t u: o = -centre, u has no z.
+        a = b = 0.0
+        c = -1.0
+        for axis in range(3):
+            along = ball[3 * axis], ball[3 * axis + 1], ball[3 * axis + 2]
+            # A row of the matrix, along the axes of the scan.
+            x = _coordinate(rows[0], along) - rows[0][3]
+            y = _coordinate(rows[1], along) - rows[1][3]
+            z = _coordinate(rows[2], along) - rows[2][3]
+            u = ux * x + uy * y
+            o = -(centre[0] * x + centre[1] * y + centre[2] * z)
+            a += u * u
+            b += o * u
+            c += o * o
+        under = b * b - a * c
+        if under >= 0.0:
+            enter = (-b - math.sqrt(under)) / a
+            if 0.0 <= enter <= range_max_m and enter < ranges[ray]:
+                ranges[ray] = enter
+
+
+@kernel(inline="always")
+def _rays_within(centre: _Vector, seen: tuple[float, float], rays: int) -> tuple[int, int]:
+    """First and last ray of those that may meet a ball, `seen` in the plane: its distance and its
+    radius.
+    """
+    per_rad = rays / (2.0 * math.pi)
+    away, reach = seen
+    if away <= reach:
+        return 0, rays - 1
+    middle = portable_kernels.atan2(centre[1], centre[0])
+    spread = portable_kernels.asin(reach / away)
+    first = math.ceil((middle - spread) * per_rad - 1e-9)
+    return first, math.floor((middle + spread) * per_rad + 1e-9)
