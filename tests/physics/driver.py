@@ -15,7 +15,16 @@ from numpy.typing import ArrayLike
 from mazebot.common.maths.frames import SE2, Array, inverse_matrix, transform_matrix
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages import wire
-from mazebot.common.messages.documents import Entities, MarkerEntity, Material, Planar, Wall, World
+from mazebot.common.messages.documents import (
+    Box,
+    Entities,
+    MarkerEntity,
+    Material,
+    Planar,
+    Vector,
+    Wall,
+    World,
+)
 from mazebot.common.messages.topics import (
     ASSETS,
     CMD_VEL,
@@ -25,6 +34,8 @@ from mazebot.common.messages.topics import (
     Topic,
 )
 from mazebot.common.node.node import Envelope, Inbox, Outbox
+from mazebot.common.world import geometry
+from mazebot.common.world.geometry import TriangleMesh, triangles_of
 from mazebot.physics.bodies.bodies import Bodies
 from mazebot.physics.config import PhysicsConfig
 from mazebot.physics.node import PhysicsNode
@@ -183,6 +194,20 @@ class Driver:
 
     def send_asset(self, image: msg.CompressedImage) -> None:
         self.deliver(ASSETS, image)
+
+
+def _board(size_m: Vector, middle_m: Vector) -> TriangleMesh:
+    pose = transform_matrix(np.eye(3), middle_m)
+    return triangles_of(Box(size_m=size_m), {}).moved(pose)
+
+
+TABLE = geometry.joined(
+    (
+        _board((1.2, 1.2, 0.04), (0.0, 0.0, 0.7)),
+        *(_board((0.06, 0.06, 0.66), (x, y, 0.33)) for x in (-0.55, 0.55) for y in (-0.55, 0.55)),
+    )
+)
+"""A top on four legs, in one mesh: 1.2 m wide and long, 0.72 m high"""
 
 
 def hit_distances_m(bodies: Bodies, starts: ArrayLike, ends: ArrayLike) -> Array:

@@ -179,23 +179,18 @@ def plan_with(
     return Plan(loaded, np.zeros((0, *enhanced.map_cells.shape), np.bool_))
 
 
+@pytest.mark.parametrize("mass_kg", [0.0, 1.0], ids=["static", "moving"])
 @pytest.mark.parametrize("keep_ends", [True, False], ids=["closed", "without top and bottom"])
 def test_a_mesh_is_filled_where_the_lidar_meets_it_and_nowhere_else(
-    enhanced: LoadedWorld, keep_ends: bool
+    enhanced: LoadedWorld, keep_ends: bool, mass_kg: float
 ) -> None:
-    plan = plan_with(enhanced, angle_mesh(keep_ends=keep_ends))
+    plan = plan_with(enhanced, angle_mesh(keep_ends=keep_ends), mass_kg=mass_kg)
     assert plan.at(*IN_AN_ARM) == RED
     assert plan.at(0.15, 0.9) == RED
     floor = plan.at(*IN_THE_ANGLE)
     assert min(floor) > INK
     assert plan.at(*ON_THE_DIAGONAL) == floor, "no line from tip to tip"
     assert max(plan.at(0.9, 0.3)) <= INK, "an outline along the arm"
-
-
-def test_a_mesh_that_moves_is_filled_as_the_hull_that_it_is(enhanced: LoadedWorld) -> None:
-    plan = plan_with(enhanced, angle_mesh(), mass_kg=1.0)
-    assert plan.at(*IN_AN_ARM) == plan.at(*IN_THE_ANGLE) == RED
-    assert max(plan.at(*ON_THE_DIAGONAL)) <= INK
 
 
 def test_what_the_lidar_looks_over_is_pale_and_what_it_looks_under_an_outline(

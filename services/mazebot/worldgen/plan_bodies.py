@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import shapely
-import trimesh
 from numpy.typing import NDArray
 
 from mazebot.common.maths.frames import Array, pose_matrix
@@ -58,8 +57,6 @@ def body_plans(world: World, meshes: Mapping[str, TriangleMesh]) -> list[BodyPla
             if shape.solid:
                 floor = footprint(shape.geometry, map_from_shape, meshes)
                 if low_m < LIDAR_HEIGHT_M < top_m:
-                    if body.moves and isinstance(shape.geometry, Mesh):
-                        vertices, triangles = _convex(vertices, triangles)
                     cut = areas_and_lines(
                         section(vertices, triangles, LIDAR_HEIGHT_M),
                         # The map treats a closed surface as solid, whichever side it faces.
@@ -131,9 +128,3 @@ def _is_convex(geometry: Geometry) -> bool:
 def _hull(points_m: Array) -> Array:
     """(n, 2) corners of the convex hull of points."""
     return np.asarray(cv2.convexHull(points_m.astype(np.float32))[:, 0], np.float64)
-
-
-def _convex(vertices_m: Array, triangles: NDArray[np.int32]) -> tuple[Array, NDArray[np.int32]]:
-    """The convex hull of a mesh, which is its collision shape if it moves."""
-    hull = trimesh.convex.convex_hull(vertices_m[np.unique(triangles)])
-    return np.asarray(hull.vertices), np.asarray(hull.faces, np.int32)

@@ -10,7 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mazebot.common.maths.frames import quaternion_from_rotation, rotation_from_rpy
+from mazebot.common.maths.frames import (
+    quaternion_from_rotation,
+    rotation_from_rpy,
+)
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.documents import (
     Body,
@@ -34,7 +37,7 @@ from mazebot.physics.bodies.collision import inertia_of
 from mazebot.physics.bodies.robot_model import robot_model_from_urdf
 from mazebot.physics.bodies.world_limits import check
 from mazebot.physics.config import PhysicsConfig
-from tests.physics.driver import Driver, hit_distances_m, world
+from tests.physics.driver import TABLE, Driver, hit_distances_m, world
 
 MODEL = robot_model_from_urdf(PhysicsConfig().robot_urdf())
 CUBE_SHA = "c" * 64
@@ -198,6 +201,10 @@ def test_inertia_is_that_of_the_textbook() -> None:
         Shape(name=str(x), geometry=Box(size_m=(1, 1, 1)), position_m=(x, 0.0, 0.0))
         for x in (0.0, 1.0)
     )
+    table = body(geometry=Mesh(sha256="d" * 64), mass_kg=1.0)
+    top_m3, leg_m3 = 1.2 * 1.2 * 0.04, 0.06 * 0.06 * 0.66
+    low_m = (top_m3 * 0.7 + 4 * leg_m3 * 0.33) / (top_m3 + 4 * leg_m3)
+    assert inertia_of(table, {"d" * 64: TABLE}).body_from_com[:3, 3] == pytest.approx((0, 0, low_m))
     pair = inertia_of(body(shapes=shapes, mass_kg=12.0), {})
     assert pair.body_from_com[:3, 3] == pytest.approx((0.5, 0.0, 0.0))
     assert sorted(pair.diagonal_kg_m2) == pytest.approx([2.0, 5.0, 5.0])
@@ -226,6 +233,24 @@ def test_a_ring_is_hollow_and_a_bend_has_a_corner(closing: list[Any]) -> None:
         starts = [[1.0, 0.0, 1.0], [1.15, 0.0, 1.0], [3.1, 0.1, 1.0], [3.1, -0.1, 1.0]]
         found = hit_distances_m(bodies, starts, [[x, y, 0.1] for x, y, _ in starts])
         assert found == pytest.approx([math.inf, 0.4, math.inf, 0.4], abs=0.005)
+
+
+@pytest.mark.parametrize("mass_kg", [0.0, 15.0], ids=["static", "moving"])
+def test_a_table_has_room_for_rays_and_bodies_between_its_legs(
+    mass_kg: float, closing: list[Any]
+) -> None:
+    meshes, geometry = {"d" * 64: TABLE}, Mesh(sha256="d" * 64)
+    table = body(geometry=geometry, mass_kg=mass_kg, position_m=(2.0, 0.0, 0.0))
+    crate = body("crate", mass_kg=1.0, position_m=(2.0, 0.0, 0.2))
+    bodies = made(table, crate, meshes=meshes)
+    closing.append(bodies)
+    starts = [[0.0, 0.4, 0.2], [0.0, 0.55, 0.2], [0.0, 0.55, 0.7], [2.0, 0.0, 2.0]]
+    ends = [[4.0, 0.4, 0.2], [4.0, 0.55, 0.2], [4.0, 0.55, 0.7], [2.0, 0.0, 0.0]]
+    assert hit_distances_m(bodies, starts, ends) == pytest.approx([np.inf, 1.42, 1.4, 1.28])
+    for _ in range(240):
+        bodies.step()
+    (*_, pose) = bodies.map_from_movers()
+    assert pose[:3, 3] == pytest.approx((2.0, 0.0, 0.2), abs=0.003)
 
 
 def test_a_plane_is_solid_and_one_on_the_floor_is_the_floor() -> None:

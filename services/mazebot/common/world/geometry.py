@@ -210,8 +210,8 @@ def clipped(mesh: TriangleMesh, low_z_m: float, high_z_m: float) -> TriangleMesh
     if low_z_m <= lowest and highest <= high_z_m:
         return mesh
     corners = np.concatenate((mesh.vertices_m, mesh.normals, mesh.uvs), axis=1)[mesh.triangles]
-    corners = _above(corners, corners[:, :, 2] - low_z_m)
-    corners = _above(corners, high_z_m - corners[:, :, 2])
+    corners = part_above(corners, corners[:, :, 2] - low_z_m)
+    corners = part_above(corners, high_z_m - corners[:, :, 2])
     flat = corners.reshape(-1, 8)
     normals = flat[:, 3:6]
     lengths = portable.lengths(normals)[:, None]
@@ -228,7 +228,7 @@ def _z_range(mesh: TriangleMesh) -> tuple[float, float]:
     return (float(z.min()), float(z.max())) if len(z) else (0.0, 0.0)
 
 
-def _above(corners: Array, height: Array) -> Array:
+def part_above(corners: Array, height: Array) -> Array:
     """(m, 3, k) triangles clipped to where a linear `height`, (m, 3), is not negative."""
     inside = height >= 0.0
     count = inside.sum(1)

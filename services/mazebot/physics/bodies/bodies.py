@@ -52,10 +52,17 @@ from mazebot.common.messages.documents import (
     Vector,
     World,
 )
+from mazebot.common.world.convex_parts import MAX_PIECES
 from mazebot.common.world.geometry import TriangleMesh
 from mazebot.physics.bodies.body_state import BodyState, MoverState
 from mazebot.physics.bodies.bullet import pybullet, quiet
-from mazebot.physics.bodies.collision import Solid, extent_of, inertia_of, solids_of
+from mazebot.physics.bodies.collision import (
+    Solid,
+    extent_of,
+    inertia_of,
+    seen_solids_of,
+    solids_of,
+)
 from mazebot.physics.bodies.placed import Placed, differ_in_pose_only, level
 from mazebot.physics.bodies.rigid_bodies import (
     MOVER_GROUP,
@@ -74,8 +81,6 @@ from mazebot.physics.bodies.world_limits import PENETRATION_M, check
 from mazebot.physics.config import STEPS_PER_SECOND
 
 GRAVITY_M_S2 = 9.8
-MAX_PIECES = 200
-"""Of a moving entity: PyBullet takes a second for the hulls of so many."""
 FLOOR = "floor"
 ROBOT = "robot"
 _NEAR_M = 0.1
@@ -143,7 +148,8 @@ class Bodies:
         check(world, meshes, self.frames)
         self._wheel_torque_n_m = wheel_torque_n_m
         self.solid_groups: tuple[tuple[Solid, ...], ...] = ()
-        """Groups of solids that share a frame, with `body_from_solid` seen from that frame.
+        """Groups of the solids that the lidar sees and that share a frame, with `body_from_solid`
+        seen from that frame.
 
         The static solids of the world come first, in the map's frame, then the moving bodies, then
         the static entities. The tuple is replaced when a group is added, removed or changed; an
@@ -355,7 +361,7 @@ class Bodies:
             pieces = f"{len(new.solids)} convex pieces"
             return f"shapes: make {pieces}: at most {MAX_PIECES} in a body that moves"
         if old is not None and differ_in_pose_only(old, new):
-            new = replace(new, solids=old.solids, numbers=old.numbers)
+            new = replace(new, solids=old.solids, seen=old.seen, numbers=old.numbers)
             self._place(new)
         else:
             try:
@@ -494,6 +500,7 @@ class Bodies:
         """A body before it is in PyBullet. Raises ValueError, in a phrase, if it is not valid."""
         try:
             solids = tuple(solids_of(thing, meshes))
+            seen = tuple(seen_solids_of(thing, meshes)) if thing.moves else solids
             com_from_body, moments, route = np.eye(4), (1.0, 1.0, 1.0), None
             if isinstance(thing, BodyEntity) and thing.path is not None:
                 route = Route(thing.position_m[:2], thing.path)
@@ -509,7 +516,7 @@ class Bodies:
         level_xyzw = level(thing.orientation_xyzw)
         ahead = transform_matrix(rotation_from_quaternion(*level_xyzw), NOWHERE)
         plan = Floorplan.of(*extent_of(solids, ahead))
-        return Placed(thing, solids, com_from_body, moments, level_xyzw, route, plan)
+        return Placed(thing, solids, seen, com_from_body, moments, level_xyzw, route, plan)
 
     def _insert(self, placed: Placed) -> None:
         """Create the PyBullet bodies of a body: one if it moves, else one for each solid."""
@@ -591,7 +598,7 @@ class Bodies:
         self._map_from_standing = np.array(
             [pose_matrix(one.thing) for one in self._standing]
         ).reshape(-1, 4, 4)
-        groups = (placed.solids for placed in (*self._movers, *self._standing))
+        groups = (placed.seen for placed in (*self._movers, *self._standing))
         self.solid_groups = (self._world_solids, *groups)
         self._alone_at_m = None
         self._choose_solver()

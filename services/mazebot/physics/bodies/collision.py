@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,11 +25,9 @@ from mazebot.common.messages.documents import (
     Sphere,
     Thing,
 )
+from mazebot.common.world.convex_parts import convex_parts, hull_of, most_parts
 from mazebot.common.world.geometry import TriangleMesh, flat_triangles, polygons_of, triangles_of
 from mazebot.common.world.surfaces import is_floor
-
-if TYPE_CHECKING:
-    from scipy.spatial import ConvexHull
 
 MAX_HULL_POINTS = 256
 """Of a convex body; of more points, the farthest in each of so many directions is kept."""
@@ -64,19 +63,25 @@ class Inertia:
 
 
 def solids_of(body: Thing, meshes: Mapping[str, TriangleMesh]) -> list[Solid]:
-    """The solid pieces of a body.
+    """The solid pieces of a body, as they collide.
 
-    Each piece of a moving body is convex: a mesh becomes its hull. A static body may be hollow: its
-    meshes and polylines are surfaces. A level plane on the floor is the floor, and no solid itself.
-    Raises ValueError, in a phrase, for a shape that has no extent.
+    Each piece of a moving body is convex: a mesh becomes its convex parts. A static body may be
+    hollow: its meshes and polylines are surfaces. A level plane on the floor is the floor, and no
+    solid itself. Raises ValueError, in a phrase, for a shape that has no extent.
     """
-    moves = body.moves
-    return [
-        solid
-        for shape in body.shapes
-        if shape.solid and not is_floor(body, shape)
-        for solid in _solids(shape, meshes, moves)
-    ]
+    return list(_pieces(body, meshes, most_parts(body) if body.moves else 0))
+
+
+def seen_solids_of(body: Thing, meshes: Mapping[str, TriangleMesh]) -> list[Solid]:
+    """The same as the lidar sees them: meshes and polylines are surfaces, also if they move."""
+    return list(_pieces(body, meshes, 0))
+
+
+def _pieces(body: Thing, meshes: Mapping[str, TriangleMesh], most: int) -> Iterator[Solid]:
+    """In at most so many convex parts a mesh; as surfaces, if 0."""
+    for shape in body.shapes:
+        if shape.solid and not is_floor(body, shape):
+            yield from _solids(shape, meshes, most)
 
 
 def extent_of(solids: Iterable[Solid], a_from_body: Array) -> tuple[Array, Array]:
@@ -114,7 +119,7 @@ def inertia_of(body: Thing, meshes: Mapping[str, TriangleMesh]) -> Inertia:
     volume, first, second = 0.0, np.zeros(3), np.zeros((3, 3))
     for shape in body.shapes:
         if shape.solid:
-            corners = _closed(shape, meshes)
+            corners = _closed(shape, meshes, most_parts(body))
             six_volumes = portable.determinants(corners)
             sums = corners.sum(axis=1)
             volume += float(six_volumes.sum()) / 6.0
@@ -133,7 +138,7 @@ def inertia_of(body: Thing, meshes: Mapping[str, TriangleMesh]) -> Inertia:
     return Inertia(transform_matrix(axes, (cx, cy, cz)), (x, y, z))
 
 
-def _solids(shape: Shape, meshes: Mapping[str, TriangleMesh], moves: bool) -> Iterator[Solid]:
+def _solids(shape: Shape, meshes: Mapping[str, TriangleMesh], most: int) -> Iterator[Solid]:
     pose, geometry = pose_matrix(shape), shape.geometry
     match geometry:
         case Box():
@@ -159,27 +164,35 @@ def _solids(shape: Shape, meshes: Mapping[str, TriangleMesh], moves: bool) -> It
         case Cone():
             yield _hull(pose, triangles_of(geometry, {}).vertices_m)
         case Polyline():
-            yield from _raised(pose, geometry, moves)
-        case Mesh():
-            mesh = triangles_of(geometry, meshes)
-            if moves:
-                yield _hull(pose, mesh.vertices_m[np.unique(mesh.triangles)])
+            if most:
+                yield from _raised(pose, geometry)
             else:
-                yield from _surface(pose, mesh)
+                yield from _surface(pose, triangles_of(geometry, {}))
+        case Mesh():
+            if most:
+                for corners in convex_parts(meshes[geometry.sha256], geometry.scale, most):
+                    yield _hull(pose, corners)
+            else:
+                yield from _surface(pose, triangles_of(geometry, meshes))
 
 
-def _raised(pose: Array, polyline: Polyline, moves: bool) -> Iterator[Solid]:
-    if not moves:
-        yield from _surface(pose, triangles_of(polyline, {}))
-        return
+def _raised(pose: Array, polyline: Polyline) -> Iterator[Solid]:
     points, triangles = flat_triangles(polygons_of(polyline.polygons_m))
-    # One prism for each triangle, if there are few enough.
-    outlines = points[triangles] if len(triangles) <= _MAX_PRISMS else [points]
-    for outline in outlines:
+    if len(triangles) > _MAX_PRISMS:
+        for corners in convex_parts(_raised_mesh(polyline)):
+            yield _hull(pose, corners)
+        return
+    for outline in points[triangles]:
         ends = [
             np.column_stack((outline, np.full(len(outline), z))) for z in (0, polyline.height_m)
         ]
         yield _hull(pose, np.concatenate(ends))
+
+
+@functools.lru_cache(maxsize=128)
+def _raised_mesh(polyline: Polyline) -> TriangleMesh:
+    """The very same object each time, for which `convex_parts` looks."""
+    return triangles_of(polyline, {})
 
 
 def _surface(pose: Array, mesh: TriangleMesh) -> Iterator[Solid]:
@@ -198,7 +211,7 @@ def _surface(pose: Array, mesh: TriangleMesh) -> Iterator[Solid]:
 
 
 def _hull(pose: Array, points: Array) -> Solid:
-    corners = points[_convex(points).vertices]
+    corners = points[hull_of(points).vertices]
     if len(corners) > MAX_HULL_POINTS:
         corners = corners[
             np.unique((portable.product(corners - corners.mean(0), _spiral())).argmax(0))
@@ -221,33 +234,30 @@ def _lengths(vectors: Array) -> Array:
     return np.asarray(np.sqrt(x * x + y * y + z * z))
 
 
-def _convex(points: Array) -> ConvexHull:
-    # SciPy takes a second to import, and most worlds have no hulls.
-    from scipy.spatial import ConvexHull, QhullError  # noqa: PLC0415
-
-    try:
-        return ConvexHull(points)
-    except (QhullError, ValueError) as error:
-        raise ValueError("is flat or empty: it must have a volume") from error
-
-
-def _closed(shape: Shape, meshes: Mapping[str, TriangleMesh]) -> Array:
+def _closed(shape: Shape, meshes: Mapping[str, TriangleMesh], most: int) -> Array:
     """(m, 3, 3) corners, in the body's frame, of triangles around a shape."""
-    mesh = triangles_of(shape.geometry, meshes)
-    pose = pose_matrix(shape)
-    if isinstance(shape.geometry, Mesh):
-        hull = _convex(mesh.vertices_m)
-        corners = mesh.vertices_m[hull.simplices]
-        outwards = portable.determinants(corners - mesh.vertices_m[hull.vertices].mean(0)) < 0.0
-        corners[outwards] = corners[outwards][:, ::-1]
+    pose, geometry = pose_matrix(shape), shape.geometry
+    if isinstance(geometry, Mesh):
+        parts = convex_parts(meshes[geometry.sha256], geometry.scale, most)
+        corners = np.concatenate([_hull_around(part) for part in parts])
     else:
+        mesh = triangles_of(geometry, meshes)
         corners = mesh.vertices_m[mesh.triangles]
     return np.asarray(portable.product(corners, pose[:3, :3].T) + pose[:3, 3])
 
 
+def _hull_around(points: Array) -> Array:
+    """(m, 3, 3) triangles around points, counter-clockwise from outside."""
+    hull = hull_of(points)
+    corners = points[hull.simplices]
+    inwards = portable.determinants(corners - points[hull.vertices].mean(0)) < 0.0
+    corners[inwards] = corners[inwards][:, ::-1]
+    return np.asarray(corners)
+
+
 def hull_triangles(points: Array) -> NDArray[np.int32]:
     """(m, 3) triangles around a convex body, by the indices of its corners."""
-    return np.asarray(_convex(points).simplices, np.int32)
+    return np.asarray(hull_of(points).simplices, np.int32)
 
 
 def as_obj(points: Iterable[Iterable[float]]) -> str:

@@ -21,6 +21,8 @@ class Placed:
     thing: Thing
     solids: tuple[Solid, ...]
     """In the body's frame"""
+    seen: tuple[Solid, ...]
+    """The same for the lidar: its true surface, also if it collides as convex parts."""
     com_from_body: Array
     """If the body moves freely; else the identity."""
     inertia_kg_m2: Vector
