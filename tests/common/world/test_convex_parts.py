@@ -69,7 +69,7 @@ def test_a_round_ring_is_covered_by_few_parts() -> None:
     circle = np.column_stack((np.cos(around), np.sin(around)))
     mesh = raised(*(tuple(map(tuple, ring)) for ring in (circle, 0.8 * circle)))
     parts = convex_parts(mesh)
-    assert parts.excess < 0.05
+    assert parts.excess < 0.1
     rng = np.random.default_rng(1)
     way, out = rng.uniform(0.0, 2.0 * np.pi, 500), rng.uniform(0.81, 0.99, 500)
     inside = np.column_stack((out * np.cos(way), out * np.sin(way), rng.uniform(0.0, 0.5, 500)))

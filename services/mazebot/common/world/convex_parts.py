@@ -27,7 +27,7 @@ _SAME_M = 1e-5
 """Corners nearer than this are one."""
 _THIN_M = 0.005
 """Thickness given to a flat part: Bullet's margin is 1 mm and more."""
-_EXCESS = 0.05
+_EXCESS = 0.1
 """Share of a part's volume that may be outside of the mesh."""
 _LEAST_EXCESS = 0.001
 """The same, as a share of the volume of the mesh's convex hull."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -31,6 +31,8 @@ from mazebot.common.world.surfaces import is_floor
 
 MAX_HULL_POINTS = 256
 """Of a convex body; of more points, the farthest in each of so many directions is kept."""
+MAX_PART_POINTS = 64
+"""The same of one of several convex parts: of 20 tori, steps take half as long."""
 _MAX_PRISMS = 64
 _MAX_TRIANGLES = 20_000
 """Of one PyBullet shape: it fails silently from 131,072 vertices on."""
@@ -157,7 +159,7 @@ def _solids(shape: Shape, meshes: Mapping[str, TriangleMesh], most: int) -> Iter
             yield Solid("box", portable.product(pose, lower), half_extents_m=size)
         case Ellipsoid():
             radii_m = np.array(geometry.radii_m)[:, None]
-            towards = radii_m * _spiral()
+            towards = radii_m * _spiral(MAX_HULL_POINTS)
             # The farthest point of an ellipsoid in each direction.
             corners = (radii_m * towards / _lengths(towards)).T
             yield Solid("ellipsoid", pose, geometry.radii_m, vertices_m=corners)
@@ -170,8 +172,7 @@ def _solids(shape: Shape, meshes: Mapping[str, TriangleMesh], most: int) -> Iter
                 yield from _surface(pose, triangles_of(geometry, {}))
         case Mesh():
             if most:
-                for corners in convex_parts(meshes[geometry.sha256], geometry.scale, most):
-                    yield _hull(pose, corners)
+                yield from _hulls(pose, convex_parts(meshes[geometry.sha256], geometry.scale, most))
             else:
                 yield from _surface(pose, triangles_of(geometry, meshes))
 
@@ -179,8 +180,7 @@ def _solids(shape: Shape, meshes: Mapping[str, TriangleMesh], most: int) -> Iter
 def _raised(pose: Array, polyline: Polyline) -> Iterator[Solid]:
     points, triangles = flat_triangles(polygons_of(polyline.polygons_m))
     if len(triangles) > _MAX_PRISMS:
-        for corners in convex_parts(_raised_mesh(polyline)):
-            yield _hull(pose, corners)
+        yield from _hulls(pose, convex_parts(_raised_mesh(polyline)))
         return
     for outline in points[triangles]:
         ends = [
@@ -210,19 +210,24 @@ def _surface(pose: Array, mesh: TriangleMesh) -> Iterator[Solid]:
         )
 
 
-def _hull(pose: Array, points: Array) -> Solid:
+def _hulls(pose: Array, parts: Sequence[Array]) -> Iterator[Solid]:
+    for points in parts:
+        yield _hull(pose, points, MAX_HULL_POINTS if len(parts) == 1 else MAX_PART_POINTS)
+
+
+def _hull(pose: Array, points: Array, most: int = MAX_HULL_POINTS) -> Solid:
     corners = points[hull_of(points).vertices]
-    if len(corners) > MAX_HULL_POINTS:
+    if len(corners) > most:
         corners = corners[
-            np.unique((portable.product(corners - corners.mean(0), _spiral())).argmax(0))
+            np.unique((portable.product(corners - corners.mean(0), _spiral(most))).argmax(0))
         ]
     return Solid("hull", pose, vertices_m=corners)
 
 
-def _spiral() -> Array:
-    """(3, MAX_HULL_POINTS) directions spread evenly over a sphere, turning by the golden angle."""
-    turns = np.arange(MAX_HULL_POINTS)
-    z = 1.0 - (2.0 * turns + 1.0) / MAX_HULL_POINTS
+def _spiral(count: int) -> Array:
+    """(3, count) directions spread evenly over a sphere, turning by the golden angle."""
+    turns = np.arange(count)
+    z = 1.0 - (2.0 * turns + 1.0) / count
     out, angle = np.sqrt(1.0 - z * z), turns * np.pi * (3.0 - np.sqrt(5.0))
     cos, sin = portable.cos_sin_each(angle)
     return np.stack((out * cos, out * sin, z))
