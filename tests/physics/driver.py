@@ -6,6 +6,7 @@ import hashlib
 import math
 import weakref
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import TypeVar, cast
 
 import cv2
@@ -21,6 +22,7 @@ from mazebot.common.messages.documents import (
     MarkerEntity,
     Material,
     Planar,
+    Sphere,
     Vector,
     Wall,
     World,
@@ -208,6 +210,16 @@ TABLE = geometry.joined(
     )
 )
 """A top on four legs, in one mesh: 1.2 m wide and long, 0.72 m high"""
+
+
+def _urchin() -> TriangleMesh:
+    ball = triangles_of(Sphere(radius_m=0.1), {})
+    tips = np.random.default_rng(2).choice((0.3, 1.0), (len(ball.vertices_m), 1))
+    return replace(ball, vertices_m=ball.vertices_m * tips)
+
+
+URCHIN = _urchin()
+"""A ball of spikes, which few convex parts cannot follow"""
 
 
 def hit_distances_m(bodies: Bodies, starts: ArrayLike, ends: ArrayLike) -> Array:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import trimesh
 
 from mazebot.navigation.config import NavigationConfig
 from mazebot.navigation.costmap.layered_costmap import (
@@ -14,7 +15,11 @@ from mazebot.navigation.costmap.layered_costmap import (
     frame_of,
 )
 from mazebot.worldgen.check import findings_of, problems_of
+from mazebot.worldgen.files import rough_bodies
 from mazebot.worldgen.recipe.loader import load_world
+from mazebot.worldgen.sdf.convert import to_recipe
+from mazebot.worldgen.sdf.reading.read import read_sdf
+from tests.physics.driver import URCHIN
 from tests.worldgen import folder
 
 
@@ -322,3 +327,20 @@ def test_what_an_import_runs_without_is_told(tmp_path: Path) -> None:
         problem
     )
     assert found.reach is not None
+
+
+def test_a_mesh_that_physics_only_follows_roughly_is_told_if_it_moves(tmp_path: Path) -> None:
+    spikes = trimesh.Trimesh(URCHIN.vertices_m, URCHIN.triangles)
+    spikes.export(tmp_path / "urchin.obj")
+    file = tmp_path / "sea.sdf"
+    sdf = """<sdf version="1.9"><world name="sea"><model name="urchin"><static>STILL</static>
+    <pose>1 0 0.1 0 0 0</pose><link name="l"><inertial><mass>2</mass></inertial>
+    <collision name="c"><geometry><mesh><uri>urchin.obj</uri></mesh></geometry></collision>
+    <visual name="v"><geometry><mesh><uri>urchin.obj</uri></mesh></geometry></visual>
+    </link></model></world></sdf>"""
+    for still, expected in ((True, 0), (False, 1)):
+        file.write_text(sdf.replace("STILL", str(still).lower()))
+        told = [str(one) for one in problems_of(file) if "collides as 32 convex parts" in str(one)]
+        assert len(told) == expected
+        imported = rough_bodies(to_recipe(read_sdf(file), "sea"))
+        assert imported.startswith("body 'urchin'") == (not still)

@@ -223,7 +223,7 @@ def import_world(
 
     Exit code 0 only without errors.
     """
-    from mazebot.worldgen.files import world_name  # noqa: PLC0415
+    from mazebot.worldgen.files import rough_bodies, world_name  # noqa: PLC0415
     from mazebot.worldgen.sdf.convert import to_recipe  # noqa: PLC0415
     from mazebot.worldgen.sdf.recipe_file import write_recipe  # noqa: PLC0415
 
@@ -241,6 +241,9 @@ def import_world(
         # Else the file could not be read, and there is nothing to report.
         _print_report(report)
     _print_errors(report)
+    rough = rough_bodies(imported) if imported is not None else ""
+    if rough:
+        sys.stderr.write(f"warning: {rough}\n")
     if out is not None and imported is not None:
         write_recipe(imported, out)
         # With --json, standard output is JSON only.

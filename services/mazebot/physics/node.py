@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from mazebot.common.config import ConfigError
@@ -25,6 +25,7 @@ from mazebot.common.messages.documents import (
     SimulationControl,
     SimulationControlReply,
     SimulationStats,
+    Thing,
     World,
 )
 from mazebot.common.messages.messages import ns_from_time
@@ -59,6 +60,7 @@ from mazebot.common.messages.topics import (
 )
 from mazebot.common.node.node import ClockNode, Inbox, Outbox
 from mazebot.common.world.assets import asset_message, assets_of
+from mazebot.common.world.convex_parts import rough_text
 from mazebot.common.world.geometry import TriangleMesh
 from mazebot.common.world.placement import Placement
 from mazebot.common.world.surfaces import Surface, surfaces
@@ -610,6 +612,7 @@ class PhysicsNode(ClockNode):
             *(world.name, world.hash, walls, f" {things} bodies," if things else ""),
             *(start.x_m, start.y_m, start.yaw_rad),
         )
+        _warn_of_rough(world.bodies, meshes)
         transforms = [
             msg.transform_stamped(now_ns, joint.parent, joint.child, joint.parent_from_child)
             for joint in self._model.fixed_joints()
@@ -675,6 +678,8 @@ class PhysicsNode(ClockNode):
                 for problem in scene.problems:
                     _log.warning("%s", problem)
                 self._renderer.set_scene(scene)
+            fresh = _with_other_shapes(before, entities)
+            _warn_of_rough(fresh, meshes_of(fresh, files))
             changes = change_text(before, entities)
             if changes:
                 _log.info("world '%s': %s", world.name, changes)
@@ -825,3 +830,19 @@ def _digests(sha256s: list[str]) -> str:
     """The first few, short enough for a line."""
     more = f" and {len(sha256s) - 3} more" if len(sha256s) > 3 else ""
     return ", ".join(sha256[:16] for sha256 in sha256s[:3]) + more
+
+
+def _warn_of_rough(bodies: Sequence[Thing], meshes: Mapping[str, TriangleMesh]) -> None:
+    rough = rough_text(bodies, meshes)
+    if rough:
+        _log.warning("%s", rough)
+
+
+def _with_other_shapes(before: Entities | None, after: Entities) -> list[BodyEntity]:
+    """The bodies that are new, or have other shapes than before."""
+    old = {one.name: one for one in (before.entities if before is not None else ())}
+    return [
+        one
+        for one in after.entities
+        if isinstance(one, BodyEntity) and getattr(old.get(one.name), "shapes", ()) != one.shapes
+    ]

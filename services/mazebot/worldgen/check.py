@@ -22,6 +22,7 @@ from mazebot.common.maths.frames import (
 from mazebot.common.messages.documents import Entities, Marker
 from mazebot.common.problems import Mistake, Problem, WorldError
 from mazebot.common.robot.waffle import LIDAR_HEIGHT_M
+from mazebot.common.world.convex_parts import rough_text
 from mazebot.common.world.costmap import ROBOT_RADIUS_M
 from mazebot.common.world.geometry import TriangleMesh, triangles_of
 from mazebot.common.world.marker_entities import marker_entities
@@ -131,6 +132,9 @@ def _judged(
 def _geometry(draft: Draft, found: Reach | None) -> Iterator[Mistake]:
     yield from _narrow_maze(draft)
     yield from _below_lidar(draft)
+    rough = rough_text(draft.world.bodies, draft.meshes)
+    if rough:
+        yield Mistake(("bodies",), len(draft.world.bodies), rough, fatal=False)
     yield from _room_to_stand(draft)
     yield from _kept_out(draft)
     if found is not None:

@@ -9,12 +9,17 @@ import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from mazebot.common.config import ConfigError
 from mazebot.common.problems import Problem, WorldError, words
+from mazebot.common.world.convex_parts import rough_text
 from mazebot.worldgen.recipe.loaded_world import LoadedWorld
 from mazebot.worldgen.recipe.loader import load_file, load_world
 from mazebot.worldgen.recipe.sources import DEFAULT_WORLDS_DIR, shown_path
+
+if TYPE_CHECKING:
+    from mazebot.worldgen.sdf.recipe_file import ImportedWorld
 
 _log = logging.getLogger("worldgen")
 
@@ -79,6 +84,24 @@ def check_there(file: Path) -> None:
     """Raises ConfigError if there is no such file."""
     if not os.path.lexists(file):
         raise ConfigError(f"{file}: no such file, must be an SDF, URDF or xacro file or a folder")
+
+
+def rough_bodies(imported: ImportedWorld) -> str:
+    """The bodies of an import whose meshes physics only follows roughly, in one line; empty, if
+    there are none, or if it has other problems.
+    """
+    from mazebot.worldgen.sdf.recipe_file import write_recipe  # noqa: PLC0415
+
+    if not any(body.get("mass_kg") for body in imported.recipe.get("bodies", ())):
+        return ""
+    with tempfile.TemporaryDirectory(prefix="mazebot-import-") as folder:
+        recipe = Path(folder) / "import.yaml"
+        try:
+            write_recipe(imported, recipe)
+            loaded = load_file(recipe)
+        except ConfigError:
+            return ""
+    return rough_text(loaded.world.bodies, loaded.meshes)
 
 
 @contextmanager

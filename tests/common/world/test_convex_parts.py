@@ -16,9 +16,9 @@ from mazebot.common.messages.documents import (
     Polyline,
     Shape,
 )
-from mazebot.common.world.convex_parts import MAX_PARTS, convex_parts, rough_shapes
+from mazebot.common.world.convex_parts import MAX_PARTS, convex_parts, rough_text
 from mazebot.common.world.geometry import TriangleMesh, joined, triangles_of
-from tests.physics.driver import TABLE
+from tests.physics.driver import TABLE, URCHIN
 
 ANGLE = ((0.0, 0.0), (1.0, 0.0), (1.0, 0.1), (0.1, 0.1), (0.1, 1.0), (0.0, 1.0))
 SQUARE = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0))
@@ -94,16 +94,10 @@ def test_flat_sheets_of_a_mesh_are_thickened_and_a_flat_mesh_is_refused() -> Non
 
 
 def test_a_mesh_that_parts_cannot_follow_is_told_of() -> None:
-    rng = np.random.default_rng(2)
-    # A sea urchin.
-    ball = triangles_of(Ellipsoid(radii_m=(0.1, 0.1, 0.1)), {})
-    spiky = ball.vertices_m * rng.choice((0.3, 1.0), len(ball.vertices_m))[:, None]
-    urchin = TriangleMesh(spiky, ball.normals, ball.uvs, ball.triangles)
     shape = Shape(name="mesh", geometry=Mesh(sha256="d" * 64))
     thing = Body(name="thing", shapes=(shape,), mass_kg=1.0, position_m=(0.0, 0.0, 0.0))
-    ((index, phrase),) = rough_shapes(thing, {"d" * 64: urchin})
-    assert index == 0
-    assert phrase.startswith("must be fixed, or simpler: it collides as 32 convex parts")
-    assert not list(rough_shapes(thing, {"d" * 64: TABLE}))
-    still = thing.model_copy(update={"mass_kg": 0.0})
-    assert not list(rough_shapes(still, {"d" * 64: urchin}))
+    text = rough_text([thing, thing], {"d" * 64: URCHIN})
+    assert text.startswith("body 'thing': shape 'mesh' collides as 32 convex parts, ")
+    assert text.endswith("(and 1 more)")
+    assert rough_text([thing], {"d" * 64: TABLE}) == ""
+    assert rough_text([thing.model_copy(update={"mass_kg": 0.0})], {"d" * 64: URCHIN}) == ""

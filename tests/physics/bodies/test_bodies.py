@@ -17,11 +17,13 @@ from mazebot.common.maths.frames import (
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.documents import (
     Body,
+    BodyEntity,
     Box,
     Capsule,
     Cone,
     Cylinder,
     Ellipsoid,
+    Entities,
     Geometry,
     Mesh,
     Plane,
@@ -30,14 +32,22 @@ from mazebot.common.messages.documents import (
     Sphere,
     World,
 )
-from mazebot.common.messages.topics import ASSETS, CONTACTS, SCAN, SIMULATION_STATS, TF
+from mazebot.common.messages.topics import (
+    ASSETS,
+    CONTACTS,
+    DESIRED_ENTITIES,
+    ENTITIES,
+    SCAN,
+    SIMULATION_STATS,
+    TF,
+)
 from mazebot.common.world.geometry import TriangleMesh, joined, mesh_to_bytes, triangles_of
 from mazebot.physics.bodies.bodies import Bodies
 from mazebot.physics.bodies.collision import inertia_of
 from mazebot.physics.bodies.robot_model import robot_model_from_urdf
 from mazebot.physics.bodies.world_limits import check
 from mazebot.physics.config import PhysicsConfig
-from tests.physics.driver import TABLE, Driver, hit_distances_m, world
+from tests.physics.driver import TABLE, URCHIN, Driver, hit_distances_m, world
 
 MODEL = robot_model_from_urdf(PhysicsConfig().robot_urdf())
 CUBE_SHA = "c" * 64
@@ -359,6 +369,31 @@ def test_a_world_waits_for_its_meshes() -> None:
     assert driver.node.waiting_for() is None
     driver.drive(0.4, 0.0, 2.5)
     assert {contact.body for contact in driver.all(CONTACTS)} == {"rock"}
+    driver.node.close()
+
+
+def test_a_mesh_that_parts_cannot_follow_is_told_of_once(caplog: pytest.LogCaptureFixture) -> None:
+    asset = mesh_asset(URCHIN)
+    spiky = body(geometry=Mesh(sha256=asset.header.frame_id), mass_kg=1.0)
+    pair = world_of(spiky, spiky.model_copy(update={"name": "other", "position_m": (2, 0, 0.2)}))
+    driver = Driver().load(pair)
+    driver.send_asset(asset)
+    driver.wait(0.1)
+    (told,) = [one for one in caplog.messages if "convex parts" in one]
+    assert told.startswith("body 'thing': shape 'shape' collides as 32 convex parts")
+    assert told.endswith("(and 1 more)")
+    caplog.clear()
+    shape = spiky.shapes[0].model_copy(update={"material": ""})
+    for revision, y_m in ((1, 1.0), (2, -1.0)):
+        spawned = BodyEntity(
+            name="spawned", position_m=(1.0, y_m, 0.2), mass_kg=1.0, shapes=(shape,)
+        )
+        wanted = Entities(world_hash=pair.hash, revision=revision, entities=(spawned,))
+        driver.deliver(DESIRED_ENTITIES, wanted)
+        driver.wait(0.1)
+        assert [one.name for one in driver.last(ENTITIES).entities] == ["spawned"]
+    (told,) = [one for one in caplog.messages if "convex parts" in one]
+    assert told.startswith("body 'spawned': ")
     driver.node.close()
 
 

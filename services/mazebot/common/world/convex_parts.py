@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -87,26 +87,30 @@ def most_parts(body: Thing) -> int:
     return max(1, min(MAX_PARTS, (MAX_PIECES - others) // max(meshes, 1)))
 
 
-def rough_shapes(body: Thing, meshes: Mapping[str, TriangleMesh]) -> Iterator[tuple[int, str]]:
-    """The shapes of a moving body whose convex parts fill much more than their mesh does: the
-    index of each, and a phrase that says so.
+def rough_text(bodies: Iterable[Thing], meshes: Mapping[str, TriangleMesh]) -> str:
+    """The first moving body with convex parts that fill much more than its mesh does, and how many
+    more there are, in one line; empty, if there are none.
     """
-    for index, shape in enumerate(body.shapes if body.moves else ()):
-        if not (shape.solid and isinstance(shape.geometry, Mesh)):
+    found = [text for body in bodies if body.moves for text in _rough_shapes(body, meshes)]
+    more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
+    return found[0] + more if found else ""
+
+
+def _rough_shapes(body: Thing, meshes: Mapping[str, TriangleMesh]) -> Iterator[str]:
+    for shape in body.shapes:
+        geometry = shape.geometry
+        if not (shape.solid and isinstance(geometry, Mesh) and geometry.sha256 in meshes):
             continue
-        mesh = meshes.get(shape.geometry.sha256)
         try:
-            if mesh is None:
-                continue
-            parts = convex_parts(mesh, shape.geometry.scale, most_parts(body))
+            parts = convex_parts(meshes[geometry.sha256], geometry.scale, most_parts(body))
         except ValueError:
+            # It is refused for that elsewhere.
             continue
         if parts.excess > _ROUGH:
-            share = f"{100.0 * parts.excess:.0f} %"
             yield (
-                index,
-                f"must be fixed, or simpler: it collides as {len(parts)} convex parts, {share} of "
-                "which are outside of its mesh, which lidar and camera see",
+                f"body {body.name!r:.60}: shape {shape.name!r:.60} collides as {len(parts)} convex "
+                f"parts, {100.0 * parts.excess:.0f} % of which are outside of its mesh, as lidar "
+                "and camera see it: without a mass, or as simpler meshes, it would collide exactly"
             )
 
 
