@@ -64,11 +64,23 @@ def test_a_convex_mesh_stays_as_it_is() -> None:
     assert np.array_equal(part, ball.vertices_m[np.unique(ball.triangles)])
 
 
-def test_a_round_ring_is_covered_by_few_parts() -> None:
-    around = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
+def ring(sides: int) -> TriangleMesh:
+    around = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
     circle = np.column_stack((np.cos(around), np.sin(around)))
-    mesh = raised(*(tuple(map(tuple, ring)) for ring in (circle, 0.8 * circle)))
-    parts = convex_parts(mesh)
+    return raised(*(tuple(map(tuple, radius * circle)) for radius in (1.0, 0.8)))
+
+
+def test_a_ring_too_fine_to_be_cut_keeps_its_hull_and_says_so(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("mazebot.common.world.convex_parts._MAX_CUT_TRIANGLES", 100)
+    parts = convex_parts(ring(48))
+    assert len(parts) == 1
+    assert parts.excess == pytest.approx(0.64)
+
+
+def test_a_round_ring_is_covered_by_few_parts() -> None:
+    parts = convex_parts(ring(48))
     assert parts.excess < 0.1
     rng = np.random.default_rng(1)
     way, out = rng.uniform(0.0, 2.0 * np.pi, 500), rng.uniform(0.81, 0.99, 500)

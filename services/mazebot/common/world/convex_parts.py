@@ -23,6 +23,8 @@ MAX_PARTS = 32
 MAX_PIECES = 200
 """Of a moving body: PyBullet takes a second for the hulls of so many."""
 _MAX_COMPONENTS = 200
+_MAX_CUT_TRIANGLES = 20_000
+"""A component with more keeps its convex hull: cutting it would take more than a few seconds."""
 _SAME_M = 1e-5
 """Corners nearer than this are one."""
 _THIN_M = 0.005
@@ -63,6 +65,9 @@ def convex_parts(
     vertices = mesh.vertices_m * np.array(scale)
     whole_m3 = float(hull_of(vertices[np.unique(mesh.triangles)]).volume)
     parts = _components(vertices, mesh.triangles, most)
+    for part in parts:
+        if len(part.corners_m) > _MAX_CUT_TRIANGLES:
+            part.excess_m3 = 0.0
     while len(parts) < most:
         worst = max(parts, key=lambda part: part.excess_m3)
         if worst.excess_m3 <= max(_EXCESS * worst.hull_m3, _LEAST_EXCESS * whole_m3):
@@ -107,10 +112,11 @@ def _rough_shapes(body: Thing, meshes: Mapping[str, TriangleMesh]) -> Iterator[s
             # It is refused for that elsewhere.
             continue
         if parts.excess > _ROUGH:
+            count = f"{len(parts)} convex part{'s' if len(parts) > 1 else ''}"
             yield (
-                f"body {body.name!r:.60}: shape {shape.name!r:.60} collides as {len(parts)} convex "
-                f"parts, {100.0 * parts.excess:.0f} % of which are outside of its mesh, as lidar "
-                "and camera see it: without a mass, or as simpler meshes, it would collide exactly"
+                f"body {body.name!r:.60}: shape {shape.name!r:.60} collides as {count}, "
+                f"{100.0 * parts.excess:.0f} % of which are outside of its mesh, as lidar and "
+                "camera see it: without a mass, or as simpler meshes, it would collide exactly"
             )
 
 
@@ -135,6 +141,7 @@ class _Part:
     hull_m3: float
     own_m3: float
     excess_m3: float
+    """Of the hull's volume; 0, if it is not to be cut"""
 
 
 def _part(corners: Array, is_cap: NDArray[np.bool_], points: Array | None = None) -> _Part | None:
