@@ -282,6 +282,17 @@ def test_a_plane_is_solid_and_one_on_the_floor_is_the_floor() -> None:
     driver.node.close()
 
 
+def test_rays_meet_a_plane_itself_from_either_side_and_nothing_at_its_edge(
+    closing: list[Any],
+) -> None:
+    upright = quaternion_from_rotation(rotation_from_rpy(0.0, -math.pi / 2.0, 0.0))
+    bodies = made(body(geometry=Plane(size_m=(1.0, 1.0)), orientation_xyzw=upright))
+    closing.append(bodies)
+    starts = [[0.0, 0.0, 0.2], [2.0, 0.0, 0.2], [1.01, -1.0, 0.2], [0.99, -1.0, 0.2]]
+    ends = [[2.0, 0.0, 0.2], [0.0, 0.0, 0.2], [1.01, 1.0, 0.2], [0.99, 1.0, 0.2]]
+    assert hit_distances_m(bodies, starts, ends) == pytest.approx([1.0, 1.0, np.inf, np.inf])
+
+
 def test_the_robot_pushes_a_crate_that_has_rested_and_touches_a_post() -> None:
     crate = body("crate", Box(size_m=(0.2, 0.2, 0.2)), mass_kg=0.3, position_m=(0.5, 0.0, 0.1))
     post = body("post", KINDS["cylinder"], position_m=(1.6, 0.0, 0.2))

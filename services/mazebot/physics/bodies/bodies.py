@@ -208,7 +208,7 @@ class Bodies:
                     replace(
                         one, body_from_solid=portable.product(map_from_body, one.body_from_solid)
                     )
-                    for one in placed.solids
+                    for one in placed.seen
                 ]
         self._world_solids = tuple(still)
         self._robot = RobotBody(client, self._model, world.start.se2().matrix())
@@ -500,7 +500,7 @@ class Bodies:
         """A body before it is in PyBullet. Raises ValueError, in a phrase, if it is not valid."""
         try:
             solids = tuple(solids_of(thing, meshes))
-            seen = tuple(seen_solids_of(thing, meshes)) if thing.moves else solids
+            seen = tuple(seen_solids_of(thing, meshes, solids))
             com_from_body, moments, route = np.eye(4), (1.0, 1.0, 1.0), None
             if isinstance(thing, BodyEntity) and thing.path is not None:
                 route = Route(thing.position_m[:2], thing.path)

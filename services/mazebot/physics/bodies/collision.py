@@ -71,19 +71,30 @@ def solids_of(body: Thing, meshes: Mapping[str, TriangleMesh]) -> list[Solid]:
     hollow: its meshes and polylines are surfaces. A level plane on the floor is the floor, and no
     solid itself. Raises ValueError, in a phrase, for a shape that has no extent.
     """
-    return list(_pieces(body, meshes, most_parts(body) if body.moves else 0))
+    most = most_parts(body) if body.moves else 0
+    return [piece for shape in _solid(body) for piece in _solids(shape, meshes, most)]
 
 
-def seen_solids_of(body: Thing, meshes: Mapping[str, TriangleMesh]) -> list[Solid]:
-    """The same as the lidar sees them: meshes and polylines are surfaces, also if they move."""
-    return list(_pieces(body, meshes, 0))
+def seen_solids_of(
+    body: Thing, meshes: Mapping[str, TriangleMesh], solids: Sequence[Solid]
+) -> Sequence[Solid]:
+    """The same as the lidar sees them: meshes, polylines and planes are surfaces, also if they
+    move. The very `solids`, as they collide, where those are all that.
+    """
+    shapes = _solid(body)
+    if not body.moves and not any(isinstance(shape.geometry, Plane) for shape in shapes):
+        return solids
+    seen: list[Solid] = []
+    for shape in shapes:
+        if isinstance(shape.geometry, Plane):
+            seen += _surface(pose_matrix(shape), triangles_of(shape.geometry, {}))
+        else:
+            seen += _solids(shape, meshes, 0)
+    return seen
 
 
-def _pieces(body: Thing, meshes: Mapping[str, TriangleMesh], most: int) -> Iterator[Solid]:
-    """In at most so many convex parts a mesh; as surfaces, if 0."""
-    for shape in body.shapes:
-        if shape.solid and not is_floor(body, shape):
-            yield from _solids(shape, meshes, most)
+def _solid(body: Thing) -> list[Shape]:
+    return [shape for shape in body.shapes if shape.solid and not is_floor(body, shape)]
 
 
 def extent_of(solids: Iterable[Solid], a_from_body: Array) -> tuple[Array, Array]:
@@ -141,6 +152,7 @@ def inertia_of(body: Thing, meshes: Mapping[str, TriangleMesh]) -> Inertia:
 
 
 def _solids(shape: Shape, meshes: Mapping[str, TriangleMesh], most: int) -> Iterator[Solid]:
+    """A mesh in at most so many convex parts; as a surface, if 0."""
     pose, geometry = pose_matrix(shape), shape.geometry
     match geometry:
         case Box():

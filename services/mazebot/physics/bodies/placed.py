@@ -22,7 +22,7 @@ class Placed:
     solids: tuple[Solid, ...]
     """In the body's frame"""
     seen: tuple[Solid, ...]
-    """The same for the lidar: its true surface, also if it collides as convex parts."""
+    """The same for the lidar: its true surface, also if it collides as convex parts or slabs."""
     com_from_body: Array
     """If the body moves freely; else the identity."""
     inertia_kg_m2: Vector
