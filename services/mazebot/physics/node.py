@@ -60,7 +60,7 @@ from mazebot.common.messages.topics import (
 )
 from mazebot.common.node.node import ClockNode, Inbox, Outbox
 from mazebot.common.world.assets import asset_message, assets_of
-from mazebot.common.world.convex_parts import rough_text
+from mazebot.common.world.convex.convex_parts import rough_text
 from mazebot.common.world.geometry import TriangleMesh
 from mazebot.common.world.placement import Placement
 from mazebot.common.world.surfaces import Surface, surfaces

@@ -22,7 +22,7 @@ from mazebot.common.maths.frames import (
 from mazebot.common.messages.documents import Entities, Marker
 from mazebot.common.problems import Mistake, Problem, WorldError
 from mazebot.common.robot.waffle import LIDAR_HEIGHT_M
-from mazebot.common.world.convex_parts import rough_text
+from mazebot.common.world.convex.convex_parts import rough_text
 from mazebot.common.world.costmap import ROBOT_RADIUS_M
 from mazebot.common.world.geometry import TriangleMesh, triangles_of
 from mazebot.common.world.marker_entities import marker_entities

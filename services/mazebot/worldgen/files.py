@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from mazebot.common.config import ConfigError
 from mazebot.common.problems import Problem, WorldError, words
-from mazebot.common.world.convex_parts import rough_text
+from mazebot.common.world.convex.convex_parts import rough_text
 from mazebot.worldgen.recipe.loaded_world import LoadedWorld
 from mazebot.worldgen.recipe.loader import load_file, load_world
 from mazebot.worldgen.recipe.sources import DEFAULT_WORLDS_DIR, shown_path

@@ -16,7 +16,7 @@ from mazebot.common.messages.documents import (
     Polyline,
     Shape,
 )
-from mazebot.common.world.convex_parts import MAX_PARTS, convex_parts, rough_text
+from mazebot.common.world.convex.convex_parts import MAX_PARTS, convex_parts, rough_text
 from mazebot.common.world.geometry import TriangleMesh, joined, triangles_of
 from tests.physics.driver import TABLE, URCHIN
 
@@ -73,7 +73,7 @@ def ring(sides: int) -> TriangleMesh:
 def test_a_ring_too_fine_to_be_cut_keeps_its_hull_and_says_so(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("mazebot.common.world.convex_parts._MAX_CUT_TRIANGLES", 100)
+    monkeypatch.setattr("mazebot.common.world.convex.convex_parts._MAX_CUT_TRIANGLES", 100)
     parts = convex_parts(ring(48))
     assert len(parts) == 1
     assert parts.excess == pytest.approx(0.64)

@@ -52,7 +52,7 @@ from mazebot.common.messages.documents import (
     Vector,
     World,
 )
-from mazebot.common.world.convex_parts import MAX_PIECES
+from mazebot.common.world.convex.convex_parts import MAX_PIECES
 from mazebot.common.world.geometry import TriangleMesh
 from mazebot.physics.bodies.body_state import BodyState, MoverState
 from mazebot.physics.bodies.bullet import pybullet, quiet

@@ -25,7 +25,8 @@ from mazebot.common.messages.documents import (
     Sphere,
     Thing,
 )
-from mazebot.common.world.convex_parts import convex_parts, hull_of, most_parts
+from mazebot.common.world.convex.convex_parts import convex_parts, most_parts
+from mazebot.common.world.convex.loose_triangles import hull_of
 from mazebot.common.world.geometry import TriangleMesh, flat_triangles, polygons_of, triangles_of
 from mazebot.common.world.surfaces import is_floor
 

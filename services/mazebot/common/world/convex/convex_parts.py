@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +12,19 @@ from numpy.typing import NDArray
 from mazebot.common.maths import portable
 from mazebot.common.maths.frames import Array
 from mazebot.common.messages.documents import Mesh, Thing
-from mazebot.common.world.geometry import TriangleMesh, part_above
-
-if TYPE_CHECKING:
-    from scipy.spatial import ConvexHull
+from mazebot.common.world.convex.loose_triangles import (
+    SAME_M,
+    caps_of,
+    connected,
+    different,
+    first_of_each,
+    hull_of,
+    in_order,
+    normals_of,
+    numbered,
+    side_of,
+)
+from mazebot.common.world.geometry import TriangleMesh
 
 MAX_PARTS = 32
 """Of one mesh"""
@@ -25,8 +33,6 @@ MAX_PIECES = 200
 _MAX_COMPONENTS = 200
 _MAX_CUT_TRIANGLES = 20_000
 """A component with more keeps its convex hull: cutting it would take more than a few seconds."""
-_SAME_M = 1e-5
-"""Corners nearer than this are one."""
 _THIN_M = 0.005
 """Thickness given to a flat part: Bullet's margin is 1 mm and more."""
 _EXCESS = 0.1
@@ -120,17 +126,6 @@ def _rough_shapes(body: Thing, meshes: Mapping[str, TriangleMesh]) -> Iterator[s
             )
 
 
-def hull_of(points_m: Array) -> ConvexHull:
-    """The convex hull of (n, 3) points. Raises ValueError, in a phrase, if it has no volume."""
-    # SciPy takes a second to import, and most worlds have no hulls.
-    from scipy.spatial import ConvexHull, QhullError  # noqa: PLC0415
-
-    try:
-        return ConvexHull(points_m)
-    except (QhullError, ValueError) as error:
-        raise ValueError("is flat or empty: it must have a volume") from error
-
-
 @dataclass(eq=False)
 class _Part:
     corners_m: Array
@@ -146,11 +141,11 @@ class _Part:
 
 def _part(corners: Array, is_cap: NDArray[np.bool_], points: Array | None = None) -> _Part | None:
     """A part with the openings of its surface closed; None if it has no area."""
-    caps = _caps(corners)
+    caps = caps_of(corners)
     corners = np.concatenate((corners, caps))
     is_cap = np.concatenate((is_cap, np.ones(len(caps), bool)))
     if points is None:
-        points = _different(corners[~is_cap])
+        points = different(corners[~is_cap])
     try:
         hull_m3 = float(hull_of(points).volume)
     except ValueError:
@@ -165,14 +160,14 @@ def _part(corners: Array, is_cap: NDArray[np.bool_], points: Array | None = None
         corners, own_m3 = corners[:, ::-1], -own_m3
     if own_m3 > hull_m3 * (1.0 + 1e-6):
         # Three cuts meet within the mesh: a corner that no triangle of its surface has.
-        points = _different(corners)
+        points = different(corners)
         hull_m3 = float(hull_of(points).volume)
     return _Part(corners, is_cap, points, hull_m3, own_m3, hull_m3 - own_m3)
 
 
 def _thickened(corners: Array) -> Array | None:
     """(n, 3) corners of a slab around flat triangles; None if they have no area."""
-    normals = _normals(corners)
+    normals = normals_of(corners)
     areas = portable.lengths(normals)
     if not len(areas) or areas.max() <= 1e-12:
         return None
@@ -184,15 +179,15 @@ def _thickened(corners: Array) -> Array | None:
 
 def _components(vertices: Array, triangles: NDArray[np.int32], most: int) -> list[_Part]:
     """A part for each connected component; one for all, if there are too many."""
-    numbers = _numbered(vertices)
+    numbers = numbered(vertices)
     corners = numbers[triangles]
     # A surface that is drawn from both sides encloses nothing: one side of it does.
-    _, first = _first_of_each(np.sort(corners, axis=1))
+    _, first = first_of_each(np.sort(corners, axis=1))
     a, b, c = corners[first].T
     kept = first[(a != b) & (b != c) & (c != a)]
-    label = _joined(int(numbers.max()) + 1, corners[kept][:, [0, 1, 1, 2]].reshape(-1, 2))
+    label = connected(int(numbers.max()) + 1, corners[kept][:, [0, 1, 1, 2]].reshape(-1, 2))
     of_triangle = label[corners[kept][:, 0]]
-    groups = [kept[of_triangle == one] for one in _in_order(of_triangle)]
+    groups = [kept[of_triangle == one] for one in in_order(of_triangle)]
     if len(groups) > _MAX_COMPONENTS:
         groups = [kept]
     parts = _outer(_parts_of(vertices, triangles, groups))
@@ -243,7 +238,7 @@ def _halves(part: _Part) -> list[_Part]:
         for level in _levels(heights):
             volume_m3 = 0.0
             for sign in (1.0, -1.0):
-                side = _side(real, sign * (heights - level), sign * direction)
+                side = side_of(real, sign * (heights - level), sign * direction)
                 volume_m3 += _hull_m3(side)
             # With a margin, so that the last bits do not decide between two of the same volume.
             if volume_m3 < best_m3 * (1.0 - 1e-6):
@@ -259,7 +254,7 @@ def _halves(part: _Part) -> list[_Part]:
     )
     halves = []
     for sign in (1.0, -1.0):
-        side = _side(marked, sign * heights, sign * direction)
+        side = side_of(marked, sign * heights, sign * direction)
         half = _part(side[..., :3], side[:, 0, 3] > 0.5)
         if half is not None:
             halves.append(half)
@@ -269,7 +264,7 @@ def _halves(part: _Part) -> list[_Part]:
 def _sample(corners: Array) -> Array:
     if len(corners) <= _MAX_TRIED:
         return corners
-    by_area = np.argsort(-portable.lengths(_normals(corners)), kind="stable")
+    by_area = np.argsort(-portable.lengths(normals_of(corners)), kind="stable")
     half = _MAX_TRIED // 2
     rest = np.sort(by_area[half:])
     return corners[np.concatenate((by_area[:half], rest[:: -(-len(rest) // half)]))]
@@ -277,7 +272,7 @@ def _sample(corners: Array) -> Array:
 
 def _directions(corners: Array) -> list[Array]:
     """Normals of the planes to try: the axes, and those of the widest faces."""
-    normals = _normals(corners)
+    normals = normals_of(corners)
     areas = portable.lengths(normals)
     wide = areas > 1e-12
     normals, areas = normals[wide] / areas[wide, None], areas[wide]
@@ -289,7 +284,7 @@ def _directions(corners: Array) -> list[Array]:
         if not len(areas):
             break
         cells = np.round(normals * np.where(normals[:, :1] < 0.0, -1.0, 1.0) * 50.0)
-        cell, first = _first_of_each(cells.astype(np.int64))
+        cell, first = first_of_each(cells.astype(np.int64))
         shares = np.round(np.bincount(cell, areas) / total, 6)
         if shares.max() < _WIDE:
             break
@@ -300,8 +295,8 @@ def _directions(corners: Array) -> list[Array]:
 def _levels(heights: Array) -> list[float]:
     """Heights at which to try a cut: at corners, and in the middle."""
     low, high = float(heights.min()), float(heights.max())
-    levels = np.unique(np.round(heights / _SAME_M)) * _SAME_M
-    levels = levels[(levels > low + _SAME_M) & (levels < high - _SAME_M)]
+    levels = np.unique(np.round(heights / SAME_M)) * SAME_M
+    levels = levels[(levels > low + SAME_M) & (levels < high - SAME_M)]
     most = min(max(2 * _MAX_TRIED // len(heights), _PLANES[0]), _PLANES[1])
     if len(levels) > most:
         at = np.linspace(0, len(levels) - 1, most + 2)[1:-1]
@@ -309,91 +304,8 @@ def _levels(heights: Array) -> list[float]:
     return [*levels.tolist(), (low + high) / 2.0] if high - low > _THIN_M else []
 
 
-def _side(corners: Array, heights: Array, up: Array) -> Array:
-    """The triangles, (m, 3, k), on the upper side of a plane; those in it, if they face down."""
-    heights = np.where(np.abs(heights) < _SAME_M, 0.0, heights)
-    flat = (heights == 0.0).all(axis=1)
-    if flat.any():
-        down = portable.product(_normals(corners[:, :, :3]), up) < 0.0
-        kept = ~flat | down
-        corners, heights = corners[kept], heights[kept]
-    # What only touches the plane from below is not above it.
-    kept = (heights > 0.0).any(axis=1) | (heights == 0.0).all(axis=1)
-    return part_above(corners[kept], heights[kept])
-
-
 def _hull_m3(corners: Array) -> float:
     try:
-        return float(hull_of(_different(corners)).volume)
+        return float(hull_of(different(corners)).volume)
     except ValueError:
         return 0.0
-
-
-def _normals(corners: Array) -> Array:
-    """(m, 3), as long as twice the areas"""
-    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-
-
-def _caps(corners: Array) -> Array:
-    """(c, 3, 3) triangles that close a surface: fans over each of its openings.
-
-    They may overlap; their signed volumes do not.
-    """
-    points = corners.reshape(-1, 3)
-    numbers = _numbered(points).reshape(-1, 3)
-    edges = numbers[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    cell, first = _first_of_each(np.sort(edges, axis=1))
-    surplus = np.bincount(cell, np.where(edges[:, 0] < edges[:, 1], 1, -1)).astype(np.int64)
-    is_open = (surplus != 0) & (edges[first, 0] != edges[first, 1])
-    rim = np.sort(edges[first[is_open]], axis=1)
-    if not len(rim):
-        return np.zeros((0, 3, 3))
-    surplus = surplus[is_open]
-    rim = np.repeat(np.where(surplus[:, None] > 0, rim[:, ::-1], rim), np.abs(surplus), axis=0)
-    place = np.zeros((int(numbers.max()) + 1, 3))
-    place[numbers.ravel()] = points
-    _, loop = np.unique(_joined(len(place), rim)[rim[:, 0]], return_inverse=True)
-    ends = place[rim]
-    size = np.bincount(loop)
-    middle = np.stack([np.bincount(loop, ends[:, 0, axis]) / size for axis in range(3)], axis=1)
-    return np.concatenate((middle[loop][:, None], ends), axis=1)
-
-
-def _different(corners: Array) -> Array:
-    """(n, 3) the corners of triangles, each once."""
-    points = corners.reshape(-1, 3)
-    cells = np.round(points / _SAME_M).astype(np.int64)
-    return points[np.sort(_first_of_each(cells)[1])]
-
-
-def _numbered(points: Array) -> NDArray[np.int64]:
-    """(n,) the same number for the same point."""
-    cells = np.round(points / _SAME_M).astype(np.int64)
-    return _first_of_each(cells)[0]
-
-
-def _first_of_each(rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Of (n, k) rows: (n,) the number of each different one, and (m,) where it comes first."""
-    order = np.lexsort(rows.T)
-    ordered = rows[order]
-    starts = np.ones(len(rows), bool)
-    starts[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
-    number = np.empty(len(rows), np.int64)
-    number[order] = np.cumsum(starts) - 1
-    return number, order[starts]
-
-
-def _joined(count: int, pairs: NDArray[np.int64]) -> NDArray[np.int32]:
-    """(count,) the same label for what pairs connect."""
-    from scipy.sparse import coo_array  # noqa: PLC0415
-    from scipy.sparse.csgraph import connected_components  # noqa: PLC0415
-
-    graph = coo_array((np.ones(len(pairs), np.int8), pairs.T), shape=(count, count))
-    return np.asarray(connected_components(graph, directed=False)[1])
-
-
-def _in_order(labels: NDArray[np.int32]) -> list[int]:
-    """The different labels, by where they come first."""
-    _, first = np.unique(labels, return_index=True)
-    ordered: list[int] = labels[np.sort(first)].tolist()
-    return ordered
