@@ -92,7 +92,7 @@ def test_a_round_ring_is_covered_by_few_parts() -> None:
     assert covered.all()
 
 
-def test_flat_sheets_of_a_mesh_are_thickened_and_a_flat_mesh_is_refused() -> None:
+def test_flat_sheets_of_a_mesh_are_thickened_and_a_flat_or_tiny_mesh_is_refused() -> None:
     crate = triangles_of(Box(size_m=(0.4, 0.4, 0.4)), {})
     sheet = TriangleMesh(
         np.array([[1.0, 0, 0], [2.0, 0, 0], [1.0, 1.0, 0]]),
@@ -103,6 +103,8 @@ def test_flat_sheets_of_a_mesh_are_thickened_and_a_flat_mesh_is_refused() -> Non
     assert volume_m3(convex_parts(joined((crate, sheet)))) == pytest.approx(0.064 + 0.0025)
     with pytest.raises(ValueError, match="is flat"):
         convex_parts(sheet)
+    with pytest.raises(ValueError, match="is within 1e-05 m: it must have a volume"):
+        convex_parts(crate, (1e-6, 1e-6, 1e-6))
 
 
 def test_a_mesh_that_parts_cannot_follow_is_told_of() -> None:

@@ -66,11 +66,13 @@ def convex_parts(
 
     Its connected components first; those that leave much of their convex hulls empty are cut by
     planes, the worst first, until no part does. An opening of a surface counts as closed. Raises
-    ValueError, in a phrase, if the mesh is flat or empty.
+    ValueError, in a phrase, if the mesh is flat, empty or tiny.
     """
     vertices = mesh.vertices_m * np.array(scale)
     whole_m3 = float(hull_of(vertices[np.unique(mesh.triangles)]).volume)
     parts = _components(vertices, mesh.triangles, most)
+    if not parts:
+        raise ValueError(f"is within {SAME_M:g} m: it must have a volume")
     for part in parts:
         if len(part.corners_m) > _MAX_CUT_TRIANGLES:
             part.excess_m3 = 0.0
