@@ -316,6 +316,15 @@ def test_bodies_of_which_the_lidar_sees_nothing_are_told(tmp_path: Path) -> None
         assert all("bodies: 1: must cross the plane of the lidar, 0.132 m" in one for one in lines)
 
 
+def test_a_body_on_the_map_that_the_lidar_does_not_see_is_told_by_its_name(tmp_path: Path) -> None:
+    seen, lamp = box("crate", x_m=-1.0), box("lamp", x_m=-1.5, z_m=1.0)
+    boxes = [seen, lamp, box("shelf", z_m=0.2, size_m=[0.4, 0.2, 0.02])]
+    assert said(tmp_path, {**folder.room(), "boxes": boxes[:2]}) == []
+    (line,) = said(tmp_path, {**folder.room(), "boxes": boxes})
+    assert line.startswith("boxes[2]: 'shelf': must cross the plane of the lidar, 0.132 m: ")
+    assert line.endswith("sees nothing of 1 of 2 bodies on the map (shelf)")
+
+
 def test_what_an_import_runs_without_is_told(tmp_path: Path) -> None:
     file = tmp_path / "walls.urdf"
     link = '<link name="{}"><visual><geometry><box size="0.1 2 1"/></geometry></visual></link>'

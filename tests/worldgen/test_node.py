@@ -304,6 +304,27 @@ def test_a_world_without_slam_is_hashed_as_before_there_was_any(bench: Bench) ->
     assert {"slam", "explore", "mapped_markers"}.isdisjoint(world.model_dump())
 
 
+def test_what_the_lidar_does_not_see_is_told_of_the_world_s_own_map_alone(tmp_path: Path) -> None:
+    step = {"name": "step", "size_m": [0.5, 0.5, 0.04], "x_m": -1.0, "y_m": 0.0}
+    folder.make(tmp_path, {**folder.room(), "boxes": [step]})
+    hashes = set()
+    for map_file, slam, known in (
+        (None, False, 1),
+        (None, True, 0),
+        (saved_map(tmp_path), False, 0),
+    ):
+        bench = Bench(WorldgenConfig(worlds_dir=tmp_path, map_file=map_file))
+        bench.ask("room", slam=slam)
+        (world,) = [message for topic, message, _ in bench.sent if topic is WORLD]
+        assert isinstance(world, World)
+        assert len(world.unseen) == known
+        assert world.hash == world.content_hash()
+        assert ("unseen" in world.model_dump()) == bool(known)
+        assert wire.decode(WORLD, wire.encode(WORLD, world)) == world
+        hashes.add(world.hash)
+    assert len(hashes) == 1
+
+
 def saved_map(folder_: Path, markers: str = "") -> Path:
     """A map of 3 by 2 cells, and what lies beside it."""
     cells = np.array([[0, 100, -1], [0, 0, 100]], np.int8)

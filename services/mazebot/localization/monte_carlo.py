@@ -170,9 +170,11 @@ class Localization:
         resolution_m: float,
         origin: SE2,
         rng: np.random.Generator,
+        unseen: NDArray[np.bool_] | None = None,
     ) -> None:
         """`cells` (rows, columns): 0 free to 100 occupied, -1 unknown, row 0 at the smallest y of
-        `origin`, which is map_from_grid.
+        `origin`, which is map_from_grid. In those that are `unseen` the robot cannot stand, but its
+        lidar sees through them.
 
         Raises ValueError if the map cannot be used.
         """
@@ -183,8 +185,9 @@ class Localization:
             params.marker_bearing_std_rad,
             params.marker_yaw_std_rad,
         )
+        seen = cells if unseen is None else np.where(unseen, np.int8(0), cells)
         self._field = likelihood_field(
-            cells,
+            seen,
             resolution_m,
             origin,
             z_hit=params.z_hit,
@@ -195,7 +198,7 @@ class Localization:
             range_max_m=min(params.laser_max_range, _RANDOM_RANGE_M),
         )
         self._rays = RayMap.of(
-            cells,
+            seen,
             resolution_m,
             origin,
             self._field,

@@ -67,6 +67,7 @@ from mazebot.localization.config import STEP_PERIOD_NS, LocalizationConfig
 from mazebot.localization.kernels import compile_kernels
 from mazebot.localization.messages import cloud_message
 from mazebot.localization.monte_carlo import Localization, LocalizationState
+from mazebot.localization.unseen import unseen_cells
 
 _LOG = logging.getLogger("localization")
 
@@ -237,13 +238,17 @@ class LocalizationNode(Node):
         self._localization = None
         if self._map is None or self._world is None or self._is_off():
             return
+        cells = np.array(msg.cells_from_grid(self._map), np.int8)
+        resolution_m = self._map.info.resolution
+        origin = msg.se2_from_pose(self._map.info.origin)
         try:
             self._localization = Localization(
                 self._config,
-                np.array(msg.cells_from_grid(self._map), np.int8),
-                self._map.info.resolution,
-                msg.se2_from_pose(self._map.info.origin),
+                cells,
+                resolution_m,
+                origin,
                 random_generator(self._watch.seed, "localization/filter"),
+                unseen_cells(cells, resolution_m, origin, self._world.unseen),
             )
         except ValueError as error:
             _LOG.error("map: %s", error)

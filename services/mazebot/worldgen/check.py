@@ -19,11 +19,12 @@ from mazebot.common.maths.frames import (
     rotation_from_quaternion,
     transform_matrix,
 )
-from mazebot.common.messages.documents import Entities, Marker
+from mazebot.common.messages.documents import Body, Entities, Marker, Wall
 from mazebot.common.problems import Mistake, Problem, WorldError
 from mazebot.common.robot.waffle import LIDAR_HEIGHT_M
 from mazebot.common.world.convex.convex_parts import rough_text
 from mazebot.common.world.costmap import ROBOT_RADIUS_M
+from mazebot.common.world.footprint import footprint
 from mazebot.common.world.geometry import TriangleMesh, triangles_of
 from mazebot.common.world.marker_entities import marker_entities
 from mazebot.common.world.placement import Panel
@@ -37,6 +38,7 @@ from mazebot.worldgen.map.clearance import (
 )
 from mazebot.worldgen.recipe.loaded_world import Draft
 from mazebot.worldgen.recipe.loading import Loading
+from mazebot.worldgen.recipe.mistakes import placed
 from mazebot.worldgen.recipe.sources import (
     DEFAULT_WORLDS_DIR,
     named_sources,
@@ -45,6 +47,7 @@ from mazebot.worldgen.recipe.sources import (
 )
 
 _NAMED = 5
+_PLANE = f"the plane of the lidar, {LIDAR_HEIGHT_M:g} m"
 
 
 class Findings(NamedTuple):
@@ -131,10 +134,11 @@ def _judged(
 
 def _geometry(draft: Draft, found: Reach | None) -> Iterator[Mistake]:
     yield from _narrow_maze(draft)
-    yield from _below_lidar(draft)
     rough = rough_text(draft.world.bodies, draft.meshes)
     if rough:
         yield Mistake(("bodies",), len(draft.world.bodies), rough, fatal=False)
+    yield from _walls_below_lidar(draft)
+    yield from _bodies_beside_lidar(draft)
     yield from _room_to_stand(draft)
     yield from _kept_out(draft)
     if found is not None:
@@ -153,43 +157,60 @@ def _narrow_maze(draft: Draft) -> Iterator[Mistake]:
     yield Mistake(("maze", "cell_m"), recipe.maze.cell_m, must, fatal=False)
 
 
-def _below_lidar(draft: Draft) -> Iterator[Mistake]:
-    """Walls must be seen by the lidar, or something else must."""
+def _walls_below_lidar(draft: Draft) -> Iterator[Mistake]:
+    """Walls must be seen by the lidar."""
     world = draft.world
     low = [wall for wall in world.walls if wall.height_m <= LIDAR_HEIGHT_M]
-    plane = f"the plane of the lidar, {LIDAR_HEIGHT_M:g} m"
-    if low:
-        names = ", ".join(wall.name for wall in low[:_NAMED]) + (
-            "" if len(low) <= _NAMED else ", ..."
-        )
-        must = (
-            f"must be above {plane}: it sees nothing of {len(low)} of {len(world.walls)} walls "
-            f"({names}), by which localization could find the robot"
-        )
-        own = {
-            wall.name: index
-            for index, wall in enumerate(draft.recipe.walls)
-            if wall.height_m is not None
-        }
-        first = own.get(low[0].name)
-        field = ("wall_height_m",) if first is None else ("walls", first, "height_m")
-        yield Mistake(field, low[0].height_m, must, fatal=False)
+    if not low:
         return
-    solid = [
-        (shape, portable.product(pose_matrix(body), pose_matrix(shape)))
-        for body in world.bodies
-        for shape in body.shapes
-        if shape.solid and not body.moves
-    ]
-    heights_m = [
-        _heights(triangles_of(shape.geometry, draft.meshes), map_from_shape)
-        for shape, map_from_shape in solid
-    ]
-    if world.walls or not heights_m:
-        return
-    if not any(z.min() < LIDAR_HEIGHT_M < z.max() for z in heights_m):
-        must = f"must cross {plane}: it sees nothing of {len(world.bodies)} bodies"
+    must = (
+        f"must be above {_PLANE}: it sees nothing of {len(low)} of {len(world.walls)} walls "
+        f"({_names(low)}), by which localization could find the robot"
+    )
+    own = {
+        wall.name: index
+        for index, wall in enumerate(draft.recipe.walls)
+        if wall.height_m is not None
+    }
+    first = own.get(low[0].name)
+    field = ("wall_height_m",) if first is None else ("walls", first, "height_m")
+    yield Mistake(field, low[0].height_m, must, fatal=False)
+
+
+def _bodies_beside_lidar(draft: Draft) -> Iterator[Mistake]:
+    """Bodies on the map must be seen by the lidar; where there is no wall, one must."""
+    world, meshes = draft.world, draft.meshes
+    still, seen, on_map = set(), set(), []
+    for body in world.bodies:
+        solid = [
+            (shape.geometry, portable.product(pose_matrix(body), pose_matrix(shape)))
+            for shape in body.shapes
+            if shape.solid
+        ]
+        if solid and not body.moves:
+            still.add(body.name)
+        heights_m = [_heights(triangles_of(one, meshes), at) for one, at in solid]
+        if any(z.min() < LIDAR_HEIGHT_M < z.max() for z in heights_m):
+            seen.add(body.name)
+        if any(footprint(one, at, meshes).polygons_m for one, at in solid):
+            on_map.append(body)
+    sees_nothing_of = f"must cross {_PLANE}: it sees nothing of"
+    if still and not world.walls and not still & seen:
+        must = f"{sees_nothing_of} {len(world.bodies)} bodies"
         yield Mistake(("bodies",), len(world.bodies), must, fatal=False)
+        return
+    passed = [body for body in on_map if body.name not in seen]
+    if passed:
+        first = passed[0].name
+        place = next(place for place, thing in placed(draft.recipe) if thing.name == first)
+        must = f"{sees_nothing_of} {len(passed)} of {len(on_map)} bodies on the map"
+        yield Mistake(place, first, f"{must} ({_names(passed)})", fatal=False)
+
+
+def _names(things: Sequence[Wall] | Sequence[Body]) -> str:
+    """The names of some things, of many the first ones."""
+    names = [thing.name for thing in things]
+    return ", ".join([*names[:_NAMED], *["..."][: len(names) > _NAMED]])
 
 
 def _heights(mesh: TriangleMesh, map_from_shape: Array) -> Array:

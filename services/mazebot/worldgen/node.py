@@ -34,6 +34,7 @@ from mazebot.common.world.assets import asset_message
 from mazebot.common.world.map_files import MapFile, read_map
 from mazebot.common.world.marker_file import marker_file_of, read_markers
 from mazebot.worldgen.config import WorldgenConfig
+from mazebot.worldgen.map.unseen import unseen_areas
 from mazebot.worldgen.models.model_reading import entity_of
 from mazebot.worldgen.models.spawnable_models import SpawnableModels
 from mazebot.worldgen.recipe.loaded_world import LoadedWorld
@@ -237,11 +238,13 @@ class WorldgenNode(Node):
 
     def _publish(self, loaded: LoadedWorld, outbox: Outbox) -> None:
         mode = self._mode
+        has_own_map = not (mode.slam or self._map or loaded.world.map_sha256)
         world = loaded.world.model_copy(
             update={
                 "slam": mode.slam,
                 "explore": mode.explores,
                 "mapped_markers": self._mapped_markers,
+                "unseen": unseen_areas(loaded) if has_own_map else (),
             }
         )
         for sha256, data in loaded.assets.items():

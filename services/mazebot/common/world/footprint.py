@@ -1,7 +1,8 @@
 """The part of a solid object with which a robot on the floor can collide, seen from above.
 
 That is everything between `FOOT_M` and `TOP_M`: a doorstep low enough for the wheels is free, and
-so is the space under a table's top, except for the legs.
+so is the space under a table's top, except for the legs. Between two equal heights it is what a
+lidar in that plane sees.
 """
 
 from __future__ import annotations
@@ -21,6 +22,11 @@ from mazebot.common.messages import documents as doc
 from mazebot.common.robot.waffle import FOOT_M, TOP_M
 from mazebot.common.world.geometry import TriangleMesh, triangles_of
 
+Heights = tuple[float, float]
+"""In m above the floor, lower and upper."""
+
+BODY: Heights = (FOOT_M, TOP_M)
+"""Of the robot."""
 _TURN = 64
 """Sides of the polygon drawn around a circle; it is wider than the circle by up to 0.12 %."""
 _ARC = 32
@@ -51,15 +57,22 @@ def wall_corners(wall: doc.Wall) -> tuple[tuple[float, float], ...]:
     return tuple((corner.x_m, corner.y_m) for corner in corners)
 
 
-def footprints(world: doc.World, meshes: Mapping[str, TriangleMesh]) -> tuple[Footprint, ...]:
-    """The footprints of everything solid in a world: walls first, of any height, then the bodies'
-    shapes at their initial poses.
+def footprints(
+    world: doc.World, meshes: Mapping[str, TriangleMesh], between_m: Heights = BODY
+) -> tuple[Footprint, ...]:
+    """The footprints of everything solid in a world, between two heights: walls first, of any
+    height, then the bodies' shapes at their initial poses.
 
     `meshes` are by sha256. Raises KeyError where one is missing.
     """
     walls = [wall_corners(wall) for wall in world.walls]
     return Footprint((np.array(walls),) if walls else ()), *(
-        footprint(shape.geometry, portable.product(pose_matrix(body), pose_matrix(shape)), meshes)
+        footprint(
+            shape.geometry,
+            portable.product(pose_matrix(body), pose_matrix(shape)),
+            meshes,
+            between_m,
+        )
         for body in world.bodies
         for shape in body.shapes
         if shape.solid
@@ -67,23 +80,27 @@ def footprints(world: doc.World, meshes: Mapping[str, TriangleMesh]) -> tuple[Fo
 
 
 def footprint(
-    geometry: doc.Geometry, map_from_shape: Array, meshes: Mapping[str, TriangleMesh]
+    geometry: doc.Geometry,
+    map_from_shape: Array,
+    meshes: Mapping[str, TriangleMesh],
+    between_m: Heights = BODY,
 ) -> Footprint:
-    """The footprint of one shape at a pose, (4, 4).
+    """The footprint of one shape at a pose, (4, 4), between two heights.
 
     Boxes, polylines and meshes are exact; round shapes are circumscribed.
     """
     match geometry:
         case doc.Mesh():
             mesh = meshes[geometry.sha256]
-            return _of_triangles(mesh.vertices_m * geometry.scale, mesh.triangles, map_from_shape)
+            vertices_m = mesh.vertices_m * geometry.scale
+            return _of_triangles(vertices_m, mesh.triangles, map_from_shape, between_m)
         case doc.Polyline() | doc.Plane():
             mesh = triangles_of(geometry, meshes)
-            return _of_triangles(mesh.vertices_m, mesh.triangles, map_from_shape)
+            return _of_triangles(mesh.vertices_m, mesh.triangles, map_from_shape, between_m)
         case doc.Sphere():
-            return _of_sphere(geometry.radius_m, map_from_shape[:3, 3])
+            return _of_sphere(geometry.radius_m, map_from_shape[:3, 3], between_m)
         case _:
-            return _of_convex(geometry, map_from_shape.tobytes())
+            return _of_convex(geometry, map_from_shape.tobytes(), between_m)
 
 
 def section(vertices_m: Array, triangles: NDArray[np.int32], height_m: float) -> Array:
@@ -97,9 +114,9 @@ def _moved(points: Array, a_from_b: Array) -> Array:
     return np.asarray(portable.product(points, a_from_b[:3, :3].T) + a_from_b[:3, 3])
 
 
-def _of_sphere(radius_m: float, centre_m: Array) -> Footprint:
+def _of_sphere(radius_m: float, centre_m: Array, between_m: Heights) -> Footprint:
     """The widest horizontal circle of the sphere between the heights."""
-    height_m = float(np.clip(centre_m[2], FOOT_M, TOP_M))
+    height_m = float(np.clip(centre_m[2], *between_m))
     square_m2 = portable.square(radius_m) - portable.square(height_m - centre_m[2])
     if square_m2 <= 0.0:
         return Footprint()
@@ -107,18 +124,19 @@ def _of_sphere(radius_m: float, centre_m: Array) -> Footprint:
 
 
 @functools.lru_cache(maxsize=20_000)
-def _of_convex(geometry: doc.Geometry, map_from_shape: bytes) -> Footprint:
+def _of_convex(geometry: doc.Geometry, map_from_shape: bytes, between_m: Heights) -> Footprint:
     """The footprint of a convex shape at a pose, a (4, 4) matrix as bytes."""
     points, edges = _edges(geometry)
     points = _moved(points, np.frombuffer(map_from_shape).reshape(4, 4))
     z = points[:, 2]
-    if z.max() <= FOOT_M or z.min() >= TOP_M:
+    low_m, top_m = between_m
+    if z.max() <= low_m or z.min() >= top_m:
         return Footprint()
     # The part between the heights has as corners those of the body between them, and the
     # intersections of its edges with the heights.
-    corners = [points[(z >= FOOT_M) & (z <= TOP_M), :2]]
+    corners = [points[(z >= low_m) & (z <= top_m), :2]]
     start, end = points[edges[:, 0]], points[edges[:, 1]]
-    for height in (FOOT_M, TOP_M):
+    for height in between_m:
         across = (start[:, 2] < height) != (end[:, 2] < height)
         corners.append(_at_height(start[across], end[across], height))
     # A line through all points has the same hull, and is made faster than a multipoint.
@@ -190,35 +208,36 @@ def _lathe(profile: tuple[tuple[float, float], ...]) -> tuple[Array, NDArray[np.
 
 
 def _of_triangles(
-    vertices_m: Array, triangles: NDArray[np.int32], map_from_shape: Array
+    vertices_m: Array, triangles: NDArray[np.int32], map_from_shape: Array, between_m: Heights
 ) -> Footprint:
     """The footprint of a surface: its projection, and its interior if it is closed."""
     vertices = _moved(vertices_m, map_from_shape)
     corners = vertices[triangles]
     z = corners[..., 2]
-    corners = corners[(z.max(1) > FOOT_M) & (z.min(1) < TOP_M)]
+    low_m, top_m = between_m
+    corners = corners[(z.max(1) > low_m) & (z.min(1) < top_m)]
     if not len(corners):
         return Footprint()
-    polygons = _between_heights(corners)
+    polygons = _between_heights(corners, low_m, top_m)
     merged = _merged(vertices_m, triangles)
     if _is_closed(merged):
         # Interior points between the heights that no part of the surface projects onto are inside
         # at every height: one section finds them.
-        return Footprint(polygons, _section(vertices, merged, FOOT_M))
+        return Footprint(polygons, _section(vertices, merged, low_m))
     return Footprint(tuple(part for stack in polygons for part in _thickened(stack)))
 
 
-def _between_heights(corners: Array) -> tuple[Array, ...]:
+def _between_heights(corners: Array, low_m: float, top_m: float) -> tuple[Array, ...]:
     """Stacks of polygons: (n, 3, 3) triangles seen from above, cut at the two heights."""
     z = corners[..., 2]
-    whole = (z.min(1) >= FOOT_M) & (z.max(1) <= TOP_M)
+    whole = (z.min(1) >= low_m) & (z.max(1) <= top_m)
     start = corners[~whole]
     end = np.roll(start, -1, axis=1)
     # In order around each triangle: each corner, and where the edge after it crosses the heights.
-    inside = (start[..., 2] >= FOOT_M) & (start[..., 2] <= TOP_M)
+    inside = (start[..., 2] >= low_m) & (start[..., 2] <= top_m)
     rises = end[..., 2] > start[..., 2]
     points, kept = [start[..., :2]], [inside]
-    for heights in (np.where(rises, FOOT_M, TOP_M), np.where(rises, TOP_M, FOOT_M)):
+    for heights in (np.where(rises, low_m, top_m), np.where(rises, top_m, low_m)):
         across = (start[..., 2] < heights) != (end[..., 2] < heights)
         rise = np.where(across, end[..., 2] - start[..., 2], 1.0)
         share = ((heights - start[..., 2]) / rise)[..., None]

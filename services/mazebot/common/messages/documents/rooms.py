@@ -33,6 +33,15 @@ class SpeedZone(Document):
     percent: Positive | None = Field(None, description="of the controller's highest speed")
 
 
+class UnseenArea(Document):
+    """A rectangle of the floor, along x and y, in which what is occupied is below or above the
+    lidar's plane.
+    """
+
+    low_m: Point2 = Field(description="least x and y")
+    high_m: Point2 = Field(description="greatest x and y")
+
+
 class Ceiling(Document):
     """A flat ceiling over all walls."""
 

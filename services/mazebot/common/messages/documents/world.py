@@ -18,6 +18,7 @@ from mazebot.common.messages.documents.rooms import (
     PointLight,
     Room,
     SpeedZone,
+    UnseenArea,
 )
 from mazebot.common.messages.documents.walls import Material, Wall
 
@@ -89,6 +90,9 @@ class World(Document):
         None,
         description="the markers that the robot knows; null: all, at their true poses",
     )
+    unseen: tuple[UnseenArea, ...] = Field(
+        (), description="where the lidar sees nothing of what is on the map, its plane passes it"
+    )
 
     @model_serializer(mode="wrap")
     def _without_empty(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
@@ -96,7 +100,8 @@ class World(Document):
         if these did not exist.
         """
         content: dict[str, Any] = handler(self)
-        for field in ("keepout_zones", "speed_limits", "dictionaries", "slam", "explore"):
+        optional = ("keepout_zones", "speed_limits", "dictionaries")
+        for field in (*optional, "slam", "explore", "unseen"):
             if not content.get(field, True):
                 del content[field]
         if content.get("mapped_markers", ()) is None:
@@ -105,6 +110,6 @@ class World(Document):
 
     def content_hash(self) -> str:
         """The value that `hash` must have."""
-        known = {"hash", "slam", "explore", "mapped_markers"}
+        known = {"hash", "slam", "explore", "mapped_markers", "unseen"}
         content = json.dumps(self.model_dump(mode="json", exclude=known), sort_keys=True)
         return hashlib.sha256(content.encode()).hexdigest()[:16]
