@@ -67,6 +67,7 @@ from mazebot.localization.global_search.hypotheses import (
     Verdict,
 )
 from mazebot.localization.global_search.scan_matching import refine
+from mazebot.localization.gone import seen_through, without_gone
 from mazebot.localization.likelihood_field import likelihood_field
 from mazebot.localization.marker_model import (
     MarkerCandidate,
@@ -205,6 +206,7 @@ class Localization:
             params.wall_inset_cells,
             params.scan_match_tolerance_m,
         )
+        self._through = seen_through(self._rays)
         self._table = search_map(cells, resolution_m, self._rays)
         # The error that no number of scans averages out: a face lies anywhere in its cell, and
         # where walls are few, one face alone fixes a coordinate.
@@ -263,7 +265,8 @@ class Localization:
         """How well the scans fit the pose, 0 to 1, as a running mean of half a second.
 
         The share of the beams that are explained: by the map, or by something before its walls, up
-        to `dynamic_share`. A beam through a wall weighs thrice; a robot in a wall has quality 0.
+        to `dynamic_share`. A beam through a wall weighs thrice, unless it is gone: see `gone.py`. A
+        robot in a wall has quality 0.
         """
         return self._monitor.quality if self._known else 0.0
 
@@ -530,6 +533,7 @@ class Localization:
     def _judge(self, stamp_ns: int, odom_from_base: SE2, view: ScanView, enough: bool) -> None:
         here = self._poses_to_judge()
         counts, likelihoods = judge(self._rays, here, view)
+        counts, likelihoods = without_gone(self._through, here, view, counts, likelihoods)
         quality, consistency = self._rated(here, counts)
         best = int(np.argmax(quality))
         self._monitor.add(stamp_ns, float(quality[best]), float(consistency.max()))

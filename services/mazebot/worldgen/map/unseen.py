@@ -20,7 +20,8 @@ from mazebot.worldgen.recipe.loaded_world import LoadedWorld
 def unseen_areas(loaded: LoadedWorld) -> tuple[UnseenArea, ...]:
     """The occupied cells of a world's own map in which nothing crosses the lidar's plane."""
     world, cells = loaded.world, loaded.map_cells
-    grid = Grid(*cells.shape, world.map_resolution_m, loaded.map_origin)
+    rows, columns = cells.shape
+    grid = Grid(rows, columns, world.map_resolution_m, loaded.map_origin)
     walls = tuple(wall for wall in world.walls if wall.height_m > LIDAR_HEIGHT_M)
     plane_m = (LIDAR_HEIGHT_M, LIDAR_HEIGHT_M)
     seen = footprints(world.model_copy(update={"walls": walls}), loaded.meshes, plane_m)
