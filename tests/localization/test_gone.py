@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from mazebot.common.maths.frames import SE2, Array
+from mazebot.common.maths.frames import SE2
 from mazebot.common.messages.scan import Scan
 from mazebot.common.messages.topics import AMCL_POSE, LOCALIZATION_STATUS
 from mazebot.common.world.map_files import write_map
@@ -63,13 +64,13 @@ def room_with_a_wall() -> RayMap:
     return RayMap.of(cells, CELL_M, grid, field, 0.5, 0.1)
 
 
-def ranges_in_the_empty_room(pose: SE2, beams: int) -> Array:
+def ranges_in_the_empty_room(pose: SE2, beams: int) -> NDArray[np.float32]:
     angles = pose.yaw_rad + 2.0 * math.pi * np.arange(beams) / beams
     c, s = np.cos(angles), np.sin(angles)
     with np.errstate(divide="ignore"):
         along_x = np.where(c > 0.0, 6.025 - pose.x_m, 0.025 - pose.x_m) / c
         along_y = np.where(s > 0.0, 4.025 - pose.y_m, 0.025 - pose.y_m) / s
-    return np.minimum(along_x, along_y)
+    return np.minimum(along_x, along_y).astype(np.float32)
 
 
 def test_beams_that_end_on_the_walls_behind_contradict_no_pose_but_a_wrong_one() -> None:

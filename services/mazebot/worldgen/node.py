@@ -13,7 +13,12 @@ from mazebot.common.messages.action_documents import (
     LoadWorld,
     LoadWorldReply,
 )
-from mazebot.common.messages.documents import MappedMarker, WorldRequest, WorldStatus
+from mazebot.common.messages.documents import (
+    MappedMarker,
+    UnseenArea,
+    WorldRequest,
+    WorldStatus,
+)
 from mazebot.common.messages.messages import occupancy_grid
 from mazebot.common.messages.topics import (
     ASSETS,
@@ -238,13 +243,15 @@ class WorldgenNode(Node):
 
     def _publish(self, loaded: LoadedWorld, outbox: Outbox) -> None:
         mode = self._mode
-        has_own_map = not (mode.slam or self._map or loaded.world.map_sha256)
+        unseen: tuple[UnseenArea, ...] = ()
+        if not (mode.slam or self._map or loaded.world.map_sha256):
+            unseen = unseen_areas(loaded.world, loaded.meshes, loaded.map_cells, loaded.map_origin)
         world = loaded.world.model_copy(
             update={
                 "slam": mode.slam,
                 "explore": mode.explores,
                 "mapped_markers": self._mapped_markers,
-                "unseen": unseen_areas(loaded) if has_own_map else (),
+                "unseen": unseen,
             }
         )
         for sha256, data in loaded.assets.items():

@@ -17,7 +17,8 @@ from tests.worldgen import folder
 def unseen(worlds_dir: Path, **recipe: Any) -> shapely.Geometry:
     """The unseen part of the room's map with some things in it."""
     folder.make(worlds_dir, {**folder.room(), "markers": [], "locations": {}, **recipe})
-    areas = unseen_areas(load_world("room", worlds_dir=worlds_dir))
+    room = load_world("room", worlds_dir=worlds_dir)
+    areas = unseen_areas(room.world, room.meshes, room.map_cells, room.map_origin)
     boxes = [shapely.box(*area.low_m, *area.high_m) for area in areas]
     assert sum(box.area for box in boxes) == pytest.approx(shapely.unary_union(boxes).area)
     return shapely.unary_union(boxes)

@@ -6,25 +6,33 @@ shelf above, and of a ramp it sees one line.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
-from mazebot.common.messages.documents import UnseenArea
+from mazebot.common.maths.frames import SE2
+from mazebot.common.messages.documents import UnseenArea, World
 from mazebot.common.robot.waffle import LIDAR_HEIGHT_M
 from mazebot.common.world.costmap import OCCUPIED
 from mazebot.common.world.footprint import footprints
+from mazebot.common.world.geometry import TriangleMesh
 from mazebot.worldgen.map.occupancy import Grid, occupied_cells
-from mazebot.worldgen.recipe.loaded_world import LoadedWorld
 
 
-def unseen_areas(loaded: LoadedWorld) -> tuple[UnseenArea, ...]:
-    """The occupied cells of a world's own map in which nothing crosses the lidar's plane."""
-    world, cells = loaded.world, loaded.map_cells
+def unseen_areas(
+    world: World, meshes: Mapping[str, TriangleMesh], cells: NDArray[np.int8], origin: SE2
+) -> tuple[UnseenArea, ...]:
+    """The occupied cells of a world's own map in which nothing crosses the lidar's plane.
+
+    `cells` are (rows, columns) of -1, 0 or 100, `origin` is map_from_grid, without a turn, and
+    `meshes` are by sha256. Raises KeyError if one is missing.
+    """
     rows, columns = cells.shape
-    grid = Grid(rows, columns, world.map_resolution_m, loaded.map_origin)
+    grid = Grid(rows, columns, world.map_resolution_m, origin)
     walls = tuple(wall for wall in world.walls if wall.height_m > LIDAR_HEIGHT_M)
     plane_m = (LIDAR_HEIGHT_M, LIDAR_HEIGHT_M)
-    seen = footprints(world.model_copy(update={"walls": walls}), loaded.meshes, plane_m)
+    seen = footprints(world.model_copy(update={"walls": walls}), meshes, plane_m)
     return _rectangles((cells == OCCUPIED) & ~occupied_cells(seen, grid), grid)
 
 
