@@ -55,6 +55,7 @@ POSES = {
     "localization/global_search/global_search.py": 4,
     "localization/global_search/hypotheses.py": 3,
     "localization/likelihood_field.py": 1,
+    "localization/messages.py": 1,
     "localization/monte_carlo.py": 20,
     "localization/node.py": 3,
     "mapping/kernels.py": 1,

@@ -13,7 +13,7 @@ from mazebot.common.maths.frames import SE2
 from mazebot.common.messages.documents import UnseenArea
 from mazebot.common.messages.topics import LOCALIZATION_STATUS
 from mazebot.embedded.session import Session
-from mazebot.localization.unseen import unseen_cells
+from mazebot.localization.messages import unseen_cells
 from tests.worldgen import folder
 
 THINGS: dict[str, dict[str, Any]] = {

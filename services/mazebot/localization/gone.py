@@ -24,7 +24,7 @@ from mazebot.localization.beam_model import (
     judge,
 )
 
-_ENDS_ON_WALLS = 0.9
+_ENDS_ON_WALLS = 0.95
 """Least share of the returns that end on walls, whatever is before these."""
 
 

@@ -65,9 +65,8 @@ from mazebot.common.robot.wheel_slip import WheelSlip, log_slip
 from mazebot.common.world.costmap import MAX_MAP_CELLS
 from mazebot.localization.config import STEP_PERIOD_NS, LocalizationConfig
 from mazebot.localization.kernels import compile_kernels
-from mazebot.localization.messages import cloud_message
+from mazebot.localization.messages import cloud_message, unseen_cells
 from mazebot.localization.monte_carlo import Localization, LocalizationState
-from mazebot.localization.unseen import unseen_cells
 
 _LOG = logging.getLogger("localization")
 
