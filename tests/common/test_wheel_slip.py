@@ -96,6 +96,15 @@ def test_a_robot_that_pushes_is_noticed_within_a_second_and_stays(wheels: SE2) -
     assert run.corrected.distance_m(before) < 0.05
 
 
+@pytest.mark.parametrize("forth", [1.0, -1.0])
+def test_a_robot_that_pushes_slowly_is_noticed_too(forth: float) -> None:
+    run, creep = Run(), SE2(0.0025 * forth, 0.0, 0.0)
+    assert not any(run.drive(creep, creep, 10.0))
+    before = run.corrected
+    assert any(run.drive(creep, STILL, 4.0))
+    assert run.corrected.distance_m(before) < 0.1
+
+
 def test_a_robot_that_turns_about_what_it_pushes_is_followed() -> None:
     run = Run()
     list(run.drive(STEP, STEP, 1.0))

@@ -138,6 +138,7 @@ from mazebot.navigation.queries import clear_costmap, compute_path, smooth_path
 from mazebot.navigation.robot.measurements import Measurements
 from mazebot.navigation.robot.robot_context import RobotContext
 from mazebot.navigation.robot.stop_level import severest, stop_causes
+from mazebot.navigation.robot_limits import DriveLimits, beyond, limits_of, within
 
 _LOG = logging.getLogger("navigation")
 
@@ -176,6 +177,9 @@ class NavigationNode(Node):
     def __init__(self, config: NavigationConfig) -> None:
         """Raises ConfigError where a controller, planner or tree that is named cannot be used."""
         self._config = config
+        self._limits = DriveLimits()
+        self._driven = within(config, self._limits)
+        """The configuration within what the robot can do."""
         self._watch = SimulationWatch(config.seed)
         self._world: World | None = None
         self._map: msg.OccupancyGrid | None = None
@@ -271,6 +275,7 @@ class NavigationNode(Node):
         # A query also wakes the node while time is stopped: that is no control period.
         passes = now_ns != self._now_ns
         self._now_ns = now_ns
+        self._take_limits(inbox)
         self._take_world(now_ns, inbox)
         self._take_pose(inbox)
         self._take_scans(inbox)
@@ -443,7 +448,7 @@ class NavigationNode(Node):
     def _made_drive(self, frame: GridFrame, cells: Cells) -> Drive:
         """Navigation for a map, with the zones of the world and of the masks."""
         random = random_generator(self._watch.seed, "navigation/control")
-        drive = made_drive(self._config, frame, cells, random, self._zones(frame))
+        drive = made_drive(self._driven, frame, cells, random, self._zones(frame))
         drive.robot.names_heard = self._names_heard
         return drive
 
@@ -659,16 +664,33 @@ class NavigationNode(Node):
                 raise ConfigError(f"{name}: read only: it is read at the start")
         config = with_values(self._config, values)
         check_parts(config)
-        if self._drive is not None:
-            random = random_generator(self._watch.seed, "navigation/control")
-            reconfigure(self._drive, self._config, config, random)
-        self._config = config
+        self._drive_by(config)
         told = self.parameters()
         changed = {name: value_of(told.values, name) for name in values}
         self._changed = {**self._changed, **changed}
         outbox.put(PARAMETERS, told)
         outbox.put(PARAMETER_EVENTS, parameter_event(self, now_ns, changed))
         _LOG.info("Set %s", ", ".join(f"{name} to {value}" for name, value in values.items()))
+
+    def _take_limits(self, inbox: Inbox) -> None:
+        """Keep to what the robot can do, as physics tells it."""
+        for told, envelope in inbox.arrivals(PARAMETERS):
+            if told.service != "physics" or inbox.is_gone(envelope.source):
+                continue
+            limits = limits_of(told.values)
+            if limits != self._limits:
+                self._limits = limits
+                self._drive_by(self._config)
+
+    def _drive_by(self, config: NavigationConfig) -> None:
+        """Drive by a configuration, within what the robot can do."""
+        driven, told = within(config, self._limits), beyond(config, self._limits)
+        if self._drive is not None:
+            random = random_generator(self._watch.seed, "navigation/control")
+            reconfigure(self._drive, self._driven, driven, random)
+        self._config, self._driven = config, driven
+        if told:
+            _LOG.warning("%s", told)
 
     def _control(self, now_ns: int, outbox: Outbox, passes: bool) -> None:
         """Run one control period; if no time has passed, only publish results of ended goals."""

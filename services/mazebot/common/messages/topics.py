@@ -391,7 +391,7 @@ EVALUATION = Topic(
     "the run evaluated against the ground truth", rate_hz=1, truth=True,
 )  # fmt: skip
 PARAMETERS = Topic(
-    "/parameters", doc.Parameters, SERVICES, ("recorder",), _LATCHED,
+    "/parameters", doc.Parameters, SERVICES, ("navigation", "recorder"), _LATCHED,
     "the configuration of each service",
 )  # fmt: skip
 PARAMETER_EVENTS = Topic(

@@ -29,6 +29,8 @@ from mazebot.common.messages.scan import Scan
 _WAY_M, _TURN_RAD = 0.06, 0.15
 """Scans are compared that odometry puts this far apart."""
 _WITHIN_NS: Final = 1_500_000_000
+_SLOW_WITHIN_NS: Final = 6_000_000_000
+"""A robot that is too slow to come so far within the first of these has until the second."""
 _STILL_M, _STILL_RAD = 0.01, 0.02
 """Wheels that turn by less between two scans stand."""
 _SHARES: Final = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
@@ -106,7 +108,7 @@ class WheelSlip:
         if self._seen and scan.stamp_ns <= self._seen[-1].stamp_ns:
             self._seen.clear()
         seen = _Seen(scan.stamp_ns, odom_from_base, self._steady(odom_from_base), scan)
-        while self._seen and scan.stamp_ns - self._seen[0].stamp_ns > _WITHIN_NS:
+        while self._seen and self._is_too_old(self._seen[0], seen):
             self._seen.popleft()
         steady: SE2 | None = None
         if self._seen:
@@ -144,6 +146,14 @@ class WheelSlip:
     def _limit_m(self) -> float:
         """A scan with more misfit is not explained."""
         return _MISFIT_RATIO * self._usual_m + _MISFIT_M
+
+    def _is_too_old(self, oldest: _Seen, seen: _Seen) -> bool:
+        """Whether the oldest scan is not to be compared with one any more."""
+        age_ns = seen.stamp_ns - oldest.stamp_ns
+        if not _WITHIN_NS < age_ns <= _SLOW_WITHIN_NS:
+            return age_ns > _WITHIN_NS
+        # A slow robot needs it until the next one is as far away.
+        return len(self._seen) > 1 and _moves(self._seen[1], seen, _WAY_M, _TURN_RAD)
 
     def _has_stood(self, before: _Seen, seen: _Seen) -> bool:
         """Whether no motion at all explains two scans, and odometry far worse."""

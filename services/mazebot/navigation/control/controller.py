@@ -24,7 +24,9 @@ class ControllerParams(Params):
 
 
 class RobotLimits(Params):
-    """What every controller keeps to."""
+    """What every controller keeps to: with less, where physics or the velocity smoother has lower
+    limits.
+    """
 
     max_linear_vel: float = Field(
         waffle.MAX_LINEAR_M_S,
@@ -48,6 +50,20 @@ class RobotLimits(Params):
     )
     general_goal_checker: GoalCheckerParams = GoalCheckerParams()
     path_handler: PathHandlerParams = PathHandlerParams()
+
+    def shortest_s(self, distance_m: float, angle_rad: float) -> float:
+        """The time that a drive of a length, or a turn by an angle, takes at least from rest."""
+        return max(
+            _shortest_s(distance_m, self.max_linear_vel, self.max_linear_accel),
+            _shortest_s(angle_rad, self.max_angular_vel, self.max_angular_accel),
+        )
+
+
+def _shortest_s(way: float, speed: float, acceleration: float) -> float:
+    ramp = 0.5 * speed * speed / acceleration
+    if way <= ramp:
+        return math.sqrt(2.0 * way / acceleration)
+    return speed / acceleration + (way - ramp) / speed
 
 
 @dataclass(frozen=True, slots=True)

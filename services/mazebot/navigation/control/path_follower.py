@@ -38,7 +38,7 @@ class PathFollower(ABC):
     ) -> None:
         self._robot = robot
         self._rotate_rad_s = min(rotate_angular_vel_rad_s, robot.limits.max_angular_vel)
-        self._rotate_decel_rad_s2 = rotate_decel_rad_s2
+        self._rotate_decel_rad_s2 = min(rotate_decel_rad_s2, robot.limits.max_angular_accel)
         self._handler = PathHandler(robot.limits.path_handler)
         self._goal_checker = GoalChecker(robot.limits.general_goal_checker)
         self._velocity = STOP

@@ -35,6 +35,10 @@ _GIVES_WAY_NS = 15_000_000_000
 this near.
 """
 
+_SLOWEST_SHARE = 0.2
+"""A robot that drives at this share of its highest speed makes progress."""
+_JUDGED = 2.0
+"""The stuck detector compares motion over so many times as long as the motion takes at least."""
 _DOUBTED_NS = 5_000_000_000
 """After so long, a pose that scans contradict has been compared with all others, and kept."""
 
@@ -103,8 +107,9 @@ class ControllerServer:
         self.followed: PlannedPath | None = None
         self.nearest = 0
         """Index of the point of that path nearest to the robot."""
-        self._progress = ProgressChecker(params.progress_checker)
-        self._stuck = StuckDetector(params.stuck_detector)
+        self._progress_params, self._stuck_params = _patient(params)
+        self._progress = ProgressChecker(self._progress_params)
+        self._stuck = StuckDetector(self._stuck_params)
         self._blocked_since_ns: int | None = None
         self._controlled_ns = 0
         self._doubted_since_ns: int | None = None
@@ -195,7 +200,7 @@ class ControllerServer:
                 ErrorCode.NO_VALID_CONTROL, f"every motion along the path collides {where}"
             )
         if not self._progress.makes_progress(now_ns, pose):
-            allowance_s = params.progress_checker.movement_time_allowance
+            allowance_s = self._progress_params.movement_time_allowance
             raise NavigationError(
                 ErrorCode.FAILED_TO_MAKE_PROGRESS, f"no progress for {allowance_s:.1f} s {where}"
             )
@@ -233,8 +238,9 @@ class ControllerServer:
         self.controller = controllers.get(name, controllers[params.controller])
         if before.path is not None:
             self.controller.set_path(before.path, same_goal=False)
-        self._progress = ProgressChecker(params.progress_checker)
-        self._stuck = StuckDetector(params.stuck_detector)
+        self._progress_params, self._stuck_params = _patient(params)
+        self._progress = ProgressChecker(self._progress_params)
+        self._stuck = StuckDetector(self._stuck_params)
         self._blocked_since_ns = None
 
     def interrupt(self) -> None:
@@ -257,6 +263,22 @@ class ControllerServer:
         self.controller.stop()
         self.followed = None
         self._blocked_since_ns = None
+
+
+def _patient(params: ControllerServerParams) -> tuple[ProgressParams, StuckDetectorParams]:
+    """The two checkers' parameters, with longer times where the robot is too slow for them."""
+    progress, stuck = params.progress_checker, params.stuck_detector
+    progress_s = params.shortest_s(
+        progress.required_movement_radius, progress.required_movement_angle
+    )
+    progress_s /= _SLOWEST_SHARE
+    stuck_s = _JUDGED * params.shortest_s(stuck.required_distance, stuck.required_angle)
+    return (
+        progress.model_copy(
+            update={"movement_time_allowance": max(progress.movement_time_allowance, progress_s)}
+        ),
+        stuck.model_copy(update={"time_allowance": max(stuck.time_allowance, stuck_s)}),
+    )
 
 
 def _gives_way(view: View, velocity: Velocity) -> bool:

@@ -23,7 +23,10 @@ class ProgressParams(Params):
         "the goal has to end within the allowance",
     )
     movement_time_allowance: float = Field(
-        2.5, gt=0, description="s; without progress for this long a recovery begins"
+        2.5,
+        gt=0,
+        description="s; without progress for this long a recovery begins; longer where a fifth of "
+        "the robot's highest speed takes longer",
     )
 
 

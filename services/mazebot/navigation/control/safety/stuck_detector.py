@@ -17,7 +17,10 @@ class StuckDetectorParams(Params):
     """When a robot counts as stuck. Nav2 has no such detector; see its progress checker."""
 
     time_allowance: float = Field(
-        2.0, gt=0, description="s; motion is compared over the last so many seconds"
+        2.0,
+        gt=0,
+        description="s; motion is compared over the last so many seconds; more where the robot "
+        "cannot come by required_distance or required_angle in half of them",
     )
     required_distance: float = Field(
         0.1, gt=0, description="m; with less commanded motion the robot is not judged"
