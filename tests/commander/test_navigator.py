@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -31,6 +32,11 @@ def navigator(session: Session) -> Iterator[Navigator]:
         navigator.waitUntilNav2Active()
         yield navigator
         navigator.cancelTask()
+
+
+def test_a_wait_of_no_length_is_refused(navigator: Navigator) -> None:
+    with pytest.raises(ConfigError, match=r"timeout_s: must be a finite number \(got nan\)"):
+        navigator.waitUntilNav2Active(timeout_s=math.nan)
 
 
 def finished(navigator: Navigator) -> TaskResult:

@@ -9,12 +9,14 @@ import pytest
 import yaml
 
 from mazebot.common.config import ConfigError
+from mazebot.common.maths.frames import SE2
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.action_documents import LoadWorld
 from mazebot.common.messages.documents import BodyEntity, Box, NavigationStatus, Shape, StopCause
 from mazebot.common.messages.topics import (
     AMCL_POSE,
     CMD_VEL,
+    GOAL_POSE,
     LOAD_WORLD,
     NAVIGATION_RESULT,
     NAVIGATION_STATUS,
@@ -24,7 +26,7 @@ from mazebot.common.messages.topics import (
 from mazebot.embedded.session import RefusedError, Session
 from tests.worldgen import folder
 
-WORLD_RESTARTED = 9011
+PREEMPTED, WORLD_RESTARTED = 9010, 9011
 
 
 @pytest.fixture
@@ -136,6 +138,42 @@ def test_a_goal_is_driven_to_and_a_bad_one_is_answered(session: Session) -> None
     assert session.stats.paused
 
 
+def test_of_two_goals_at_one_time_each_gets_its_own_result(session: Session) -> None:
+    session.run_for(1.0)
+    other = msg.PoseStamped(
+        header=msg.header(session.now_ns(), "map"), pose=msg.pose_from_se2(SE2(-0.6, 0.0, 0.0))
+    )
+    with session.watching(NAVIGATION_RESULT) as results:
+        session.publish(GOAL_POSE, other)
+        result = session.goal(0.6, 0.0)
+    assert (result.goal.x_m, result.error_code) == (0.6, 0)
+    assert [one.error_code for one in results] == [PREEMPTED, 0]
+
+
+def test_a_closed_session_says_so(worlds_dir: Path) -> None:
+    with Session("room", camera=False, worlds_dir=worlds_dir) as session:
+        session.run_for(0.5)
+    session.close()
+    assert session.now_s == 0.5
+    assert not session.alive()
+    calls: list[Callable[[], object]] = [
+        lambda: session.stats,
+        session.step,
+        session.turn,
+        lambda: session.run_for(1.0),
+        lambda: session.goal(0.6, 0.0),
+        lambda: session.command(0.1, 0.0),
+        session.reset,
+        session.entities,
+        session.ground_truth,
+        lambda: session.latest(SCAN),
+        lambda: session.watch((SCAN,)),
+    ]
+    for call in calls:
+        with pytest.raises(RefusedError, match=r"^the session is closed$"):
+            call()
+
+
 def test_a_reset_ends_the_goal(session: Session) -> None:
     with pytest.raises(TimeoutError):
         session.goal(0.9, 0.0, timeout_s=1.0)
@@ -183,6 +221,10 @@ def test_what_cannot_be_done_is_refused_in_one_line(session: Session) -> None:
         (lambda: session.reset(seed=3, scope="time"), "seed: 3: requires reset: all"),
         (lambda: session.reset(scope="space"), "reset"),  # type: ignore[arg-type]
         (lambda: session.command(math.nan, 0.0), "/cmd_vel: not finite"),
+        (lambda: session.goal(0.6, 0.0, timeout_s=0.0), "timeout_s: must be a positive number"),
+        (lambda: session.goal(0.6, 0.0, timeout_s=-5.0), "(got -5.0)"),
+        (lambda: session.goal(0.6, 0.0, timeout_s=math.nan), "timeout_s"),
+        (lambda: session.goal(0.6, 0.0, timeout_s=math.inf), "timeout_s"),
         (lambda: session.remove("nothing"), "nothing"),
     ]
     for call, words in calls:

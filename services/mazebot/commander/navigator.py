@@ -15,6 +15,7 @@ from __future__ import annotations
 import functools
 import itertools
 import logging
+import math
 import os
 import uuid
 from collections.abc import Callable, Sequence
@@ -329,8 +330,10 @@ class Navigator:
     ) -> None:
         """Wait until the robot has a pose and takes goals.
 
-        Raises TimeoutError, with what it waits for.
+        Raises TimeoutError, with what it waits for. ConfigError where `timeout_s` is not finite.
         """
+        if not math.isfinite(timeout_s):
+            raise ConfigError(f"timeout_s: must be a finite number (got {timeout_s})")
         end_ns = self._robot.now_ns() + round(timeout_s * 1e9)
         if self._initial_pose is not None:
             self.setInitialPose(self._initial_pose)

@@ -89,7 +89,8 @@ class Session(Robot):
 
     Time advances only within calls that are documented to do so, in lockstep and as fast as
     possible; a run depends only on world, options, seed and calls. All requests and data use the
-    queries and topics of a running stack.
+    queries and topics of a running stack. After `close` only the time can be asked for: all else
+    raises RefusedError.
 
         with Session("enhanced", seed=7) as session:
             result = session.goal(0.5, -0.9)
@@ -211,6 +212,7 @@ class Session(Robot):
         """Advance the simulation by one step unless it is paused, then step every node that is due;
         return whether any stepped.
         """
+        self._check_open()
         return self._executive.turn()
 
     def reset(
@@ -269,7 +271,10 @@ class Session(Robot):
         """Drive to a pose in the map, and return the result; `error_code` 0 is success.
 
         Raises TimeoutError after `timeout_s` of simulation without a result; the goal stays active.
+        RefusedError where `timeout_s` is not a positive number.
         """
+        if not 0.0 < timeout_s < math.inf:
+            raise RefusedError(f"timeout_s: must be a positive number (got {timeout_s})")
         if not self._run_while(lambda: not self._is_active(), LOCALISATION_PATIENCE_S):
             raise RefusedError(
                 f"goal: navigation is not active after {LOCALISATION_PATIENCE_S:g} s"
@@ -278,11 +283,12 @@ class Session(Robot):
         pose = msg.pose_from_se2(SE2(x_m, y_m, yaw_rad))
         with self.watching(NAVIGATION_RESULT) as results:
             self.publish(GOAL_POSE, msg.PoseStamped(header=header, pose=pose))
-            stamp_ns = msg.ns_from_time(header.stamp)
+            # Of two goals at the same time the stamp is the same.
+            asked = msg.ns_from_time(header.stamp), msg.se2_from_pose(pose)
             mine: list[NavigationResult] = []
 
             def is_open() -> bool:
-                mine.extend(one for one in results if one.goal_stamp_ns == stamp_ns)
+                mine.extend(one for one in results if (one.goal_stamp_ns, one.goal.se2()) == asked)
                 results.clear()
                 return not mine
 
@@ -316,6 +322,7 @@ class Session(Robot):
 
     def ground_truth(self) -> SE2:
         """The robot's true pose in the map, as last published: at most 1/30 s ago."""
+        self._check_open()
         odom = self.latest(GROUND_TRUTH_ODOM)
         if odom is not None:
             return msg.se2_from_pose(odom.pose.pose)
@@ -325,11 +332,13 @@ class Session(Robot):
 
     def latest(self, topic: Topic[M]) -> M | None:
         """The last message on a topic; None where there was none since the start."""
+        self._check_open()
         return cast("M | None", self._transport.latest.get(topic.name))
 
     @contextmanager
     def watching(self, topic: Topic[M]) -> Iterator[list[M]]:
         """A list to which every message on a topic is added while the context lasts."""
+        self._check_open()
         seen: list[M] = []
         end = self._transport.watch(
             (topic,), lambda _, message, __: seen.append(message), with_latched=False
@@ -341,11 +350,13 @@ class Session(Robot):
 
     def watch(self, topics: Iterable[Topic[Any]], receive: Receive = ignore) -> Callable[[], None]:
         """See Robot."""
+        self._check_open()
         return self._transport.watch(topics, receive)
 
     def alive(self) -> Mapping[str, frozenset[str]]:
         """See Robot."""
-        return {node.name: frozenset((node.name,)) for node in self._executive.nodes}
+        nodes = () if self._closed else self._executive.nodes
+        return {node.name: frozenset((node.name,)) for node in nodes}
 
     def wait(self, seconds: float, until: Callable[[], bool] = lambda: False) -> None:
         """Advance by a duration, rounded up to whole steps, whatever happens meanwhile."""
@@ -357,11 +368,16 @@ class Session(Robot):
 
         Raises PermissionError on another topic, RefusedError where the message is invalid.
         """
+        self._check_open()
         self._outbox.now_ns = self._executive.now_ns
         rejected = self._outbox.rejected.copy()
         self._outbox.put(topic, message)
         for (name, reason), _ in (self._outbox.rejected - rejected).items():
             raise RefusedError(f"{name}: {reason}")
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise RefusedError("the session is closed")
 
     def _is_loaded(self) -> bool:
         status = self.latest(WORLD_STATUS)
@@ -406,6 +422,7 @@ class Session(Robot):
 
         Raises RefusedError where too many requests wait.
         """
+        self._check_open()
         answers: list[A] = []
         if not self._transport.ask(query, message, answers.append):
             raise RefusedError(f"{query.name}: too many pending requests")
