@@ -321,8 +321,9 @@ class Session(Robot):
             steps_left -= _STEPS_PER_COMMAND
 
     def ground_truth(self) -> SE2:
-        """The robot's true pose in the map, as last published: at most 1/30 s ago."""
-        self._check_open()
+        """The robot's true pose in the map, as last published: at most 1/30 s ago, also when the
+        session is closed.
+        """
         odom = self.latest(GROUND_TRUTH_ODOM)
         if odom is not None:
             return msg.se2_from_pose(odom.pose.pose)
@@ -331,8 +332,9 @@ class Session(Robot):
         return world.start.se2()
 
     def latest(self, topic: Topic[M]) -> M | None:
-        """The last message on a topic; None where there was none since the start."""
-        self._check_open()
+        """The last message on a topic, also when the session is closed; None where there was none
+        since the start.
+        """
         return cast("M | None", self._transport.latest.get(topic.name))
 
     @contextmanager
