@@ -334,3 +334,12 @@ def drives_on(log: Log) -> bool:
     return ways == sorted(ways) and [one.scan is None for one in log.entries] == [
         one % 2 == 0 for one in range(len(log.entries))
     ]
+
+
+def test_poses_that_become_infinite_at_the_base_are_left_out(tmp_path: Path) -> None:
+    far = Link("base_footprint", "camera_pose_frame", (1.5e308, 1.5e308, 0.2))
+    log = read(write(tmp_path / "bag", (*MOUNTED, far), child="camera_pose_frame"))
+    assert log.odometry_left_out > 0
+    poses = [one.odom_from_base for one in log.entries if one.odom_from_base is not None]
+    assert len(poses) == 20 - log.odometry_left_out
+    assert np.isfinite(poses).all()

@@ -132,10 +132,13 @@ def _log(found: _Found, places: _Places) -> Log:
     poses, mounts = found.poses, places.mounts
     steps_ns: list[int] = []
     lag_ns = _lag_ns([*poses, *found.scans])
+    moved = [_odom_from_base(told.says, places) for told in poses]
     entries = [
-        Entry(time_ns, _odom_from_base(told.says, places), None)
-        for time_ns, told in zip(_times_ns(poses, lag_ns, steps_ns), poses, strict=True)
+        Entry(time_ns, odom_from_base, None)
+        for time_ns, odom_from_base in zip(_times_ns(poses, lag_ns, steps_ns), moved, strict=True)
+        if _is_finite(odom_from_base)
     ]
+    left_out = len(poses) - len(entries)
     entries += [
         Entry(time_ns, None, _mounted(told.says, mounts[told.says.frame_id]))
         for time_ns, told in zip(_times_ns(found.scans, lag_ns, steps_ns), found.scans, strict=True)
@@ -145,7 +148,7 @@ def _log(found: _Found, places: _Places) -> Log:
         entries,
         unstamped=sum(not told.stamp_ns for told in found.scans),
         clock_set_back=len(steps_ns),
-        odometry_left_out=found.without_number,
+        odometry_left_out=found.without_number + left_out,
         scans_left_out=found.without_direction,
         scans_without_limits=found.without_limits,
         unplaced=tuple(frame for frame in found.lidars if mounts[frame] is None),
@@ -174,9 +177,16 @@ def _places(path: Path, found: _Found) -> _Places:
 
 def _odom_from_base(moved: _Moved, places: _Places) -> SE2:
     frame_from_base = places.frame_from_base[moved.frame]
-    if frame_from_base is None:
+    # Of the robot itself, nobody needs the height, which may be NaN.
+    if frame_from_base is None or np.array_equal(frame_from_base, np.eye(4)):
         return se2_from_matrix(moved.odom_from_frame)
-    return se2_from_matrix(moved.odom_from_frame @ frame_from_base)
+    # What is not finite is left out.
+    with np.errstate(over="ignore", invalid="ignore"):
+        return se2_from_matrix(moved.odom_from_frame @ frame_from_base)
+
+
+def _is_finite(pose: SE2) -> bool:
+    return all(map(math.isfinite, pose))
 
 
 def _mounted(scan: LoggedScan, mount: Mount | None) -> LoggedScan:
@@ -307,7 +317,7 @@ def _add_transforms(found: _Found, log_ns: int, message: Any, is_static: bool) -
 
 def _add_pose(found: _Found, log_ns: int, message: Any) -> None:
     moved = _Moved(message.child_frame_id.lstrip("/"), msg.matrix_from_pose(message.pose.pose))
-    if not all(map(math.isfinite, se2_from_matrix(moved.odom_from_frame))):
+    if not _is_finite(se2_from_matrix(moved.odom_from_frame)):
         found.without_number += 1
         return
     found.odometry.append(_Told(log_ns, msg.ns_from_time(message.header.stamp), moved))
