@@ -72,8 +72,8 @@ class Reach(NamedTuple):
 
     longest_m: float
     """Of all its returns."""
-    stated_m: float
-    """Its range_max."""
+    stated: str
+    """Its range_max in m, as text: it may be inf, and nobody computes with it."""
 
 
 @dataclass
@@ -145,7 +145,7 @@ class Log:
         for reach in self.reaches:
             found.append(
                 f"no return is longer than {reach.longest_m:.2f} m, and range_max is "
-                f"{reach.stated_m:g} m: beams without one show free space up to the longest return"
+                f"{reach.stated} m: beams without one show free space up to the longest return"
             )
         return found
 

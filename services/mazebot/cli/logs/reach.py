@@ -48,7 +48,7 @@ def with_reach(log: Log) -> Log:
     return replace(
         log,
         entries=[_limited(entry, short) for entry in log.entries],
-        reaches=tuple(Reach(seen.longest_m, seen.stated_m) for seen in short.values()),
+        reaches=tuple(Reach(seen.longest_m, f"{seen.stated_m:g}") for seen in short.values()),
         no_returns=_no_returns(log, lidars.values()),
     )
 
