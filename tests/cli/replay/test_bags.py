@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 
+from mazebot.cli.replay.reading.bag_messages import open_bag
 from mazebot.cli.replay.reading.find import open_recording
 from mazebot.cli.replay.reading.replayed import Replayed, in_time
 from mazebot.common.messages import messages as msg
@@ -185,3 +186,21 @@ def test_what_the_service_does_not_take_is_told(messages: list[Replayed], tmp_pa
     done = mazebot("replay", str(bag), "--service", "mapping")
     assert "rejected by mapping: /scan: " in done.stdout
     assert "without odometry at their time" in done.stdout
+
+
+def test_the_clock_jumps_over_months_in_which_nothing_comes(
+    messages: list[Replayed], tmp_path: Path
+) -> None:
+    months_ns = 10**16
+    last = next(one for one in reversed(messages) if one.topic is ODOM)
+    odometry = wire.decode(ODOM, last.data)
+    stamp_ns = msg.ns_from_time(odometry.header.stamp) + months_ns
+    odometry.header.stamp = msg.time_from_ns(stamp_ns)
+    late = last._replace(data=wire.encode(ODOM, odometry), time_ns=last.time_ns + months_ns)
+    bag = runs.write_bag(tmp_path / "bag", [*messages, late], StoragePlugin.MCAP)
+    count = 0
+    for one in open_bag(bag).read():
+        count += one.topic is CLOCK
+        assert count < 1000
+    assert one.topic is ODOM
+    assert one.time_ns > months_ns

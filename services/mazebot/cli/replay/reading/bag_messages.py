@@ -37,6 +37,7 @@ from mazebot.common.node.node import Envelope
 _HEAD_MESSAGES = 5000
 """So many tell how the bag's time is related to the stamps."""
 _CLOCK_PERIOD_NS = round(1e9 / (CLOCK.rate_hz or 60.0))
+_LONGEST_SILENCE_NS = 60_000_000_000
 _OF_CLIENTS = (GOAL_POSE.name, INITIAL_POSE.name)
 _STEP_S = 1.0 / 240.0
 _MAP_TEXT = MAP_FRAME.encode() + b"\0"
@@ -251,13 +252,17 @@ def _beginning(name: str, slam: bool) -> Iterator[Replayed]:
 
 
 def _clocked(beginning: Iterator[Replayed], messages: Iterator[Replayed]) -> Iterator[Replayed]:
-    """All messages, and those of the clock among them."""
+    """All messages, and those of the clock among them; where nothing comes for long, it jumps."""
     yield from beginning
-    ticks = 0
+    ticks = sequence = 0
     for message in messages:
+        if message.time_ns - ticks * _CLOCK_PERIOD_NS > _LONGEST_SILENCE_NS:
+            # A stamp may be years off.
+            ticks = message.time_ns // _CLOCK_PERIOD_NS
         while (time_ns := ticks * _CLOCK_PERIOD_NS) <= message.time_ns:
             data = wire.encode(CLOCK, msg.Clock(clock=msg.time_from_ns(time_ns)))
-            envelope = Envelope(CLOCK_SERVICE, ticks, time_ns, "")
+            envelope = Envelope(CLOCK_SERVICE, sequence, time_ns, "")
             yield Replayed(CLOCK, data, CLOCK_SERVICE, envelope, time_ns)
             ticks += 1
+            sequence += 1
         yield message
