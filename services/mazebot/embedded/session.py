@@ -89,8 +89,8 @@ class Session(Robot):
 
     Time advances only within calls that are documented to do so, in lockstep and as fast as
     possible; a run depends only on world, options, seed and calls. All requests and data use the
-    queries and topics of a running stack. After `close` only the time can be asked for: all else
-    raises RefusedError.
+    queries and topics of a running stack. After `close` the time and what was published last can be
+    read: all else raises RefusedError.
 
         with Session("enhanced", seed=7) as session:
             result = session.goal(0.5, -0.9)
