@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from collections import Counter, deque
 from dataclasses import dataclass, field
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +15,17 @@ from numpy.typing import NDArray
 from mazebot.common.maths.frames import SE2, Array
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages import wire
-from mazebot.common.messages.documents import Entities, NavigationResult, World
+from mazebot.common.messages.documents import (
+    CancelGoal,
+    CancelGoalReply,
+    Entities,
+    NavigationResult,
+    SimulationStats,
+    World,
+)
 from mazebot.common.messages.topics import (
     AMCL_POSE,
+    CANCEL_GOAL,
     CMD_VEL,
     DETECTIONS,
     ENTITIES,
@@ -302,3 +310,36 @@ def estimate_error_m(driver: NodeDriver) -> float:
     """How far the pose is off that localisation has told last."""
     pose = msg.se2_from_pose(driver.of(AMCL_POSE)[-1].pose.pose)
     return pose.distance_m(driver.robot.map_from_base)
+
+
+def ready(**options: object) -> NodeDriver:
+    driver = NodeDriver(**options)  # type: ignore[arg-type]
+    driver.learn()
+    driver.run(0.5)
+    assert driver.node.waiting_for() is None
+    return driver
+
+
+def stats(epoch: int, seed: int = 7, sim_time_s: float = 0.0) -> SimulationStats:
+    return SimulationStats(
+        world_hash=house().world.hash, sim_time_s=sim_time_s, iterations=0, step_size_s=1 / 240,
+        seed=seed, epoch=epoch, renderer="none", state_hash="",
+    )  # fmt: skip
+
+
+def cancelled(driver: NodeDriver, stamp_ns: int | None = None) -> CancelGoalReply:
+    """The answer to a request to cancel, in a step in which no time passes."""
+    answers: list[CancelGoalReply] = []
+    driver.inbox.ask(CANCEL_GOAL, CancelGoal(goal_stamp_ns=stamp_ns), answers.append)
+    driver.node.step(driver.now_ns, driver.inbox, driver.outbox)
+    (answer,) = answers
+    return answer
+
+
+def asked(driver: NodeDriver, query: Any, message: Any) -> Any:
+    """The answer to a query."""
+    answers: list[Any] = []
+    driver.inbox.ask(query, message, answers.append)
+    driver.node.step(driver.now_ns, driver.inbox, driver.outbox)
+    (answer,) = answers
+    return answer
