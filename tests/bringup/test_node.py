@@ -283,6 +283,15 @@ def test_a_goal_that_was_not_reached_is_not_exit_code_0(stage: Stage) -> None:
     assert stage.node.exit_code == EXIT_NOT_REACHED
 
 
+def test_who_cancels_a_goal_ends_the_tour(stage: Stage, caplog: pytest.LogCaptureFixture) -> None:
+    stage.bring_up()
+    stage.answer(error_code=9012)
+    assert len(stage.goals()) == 1
+    stage.judge(False)
+    assert stage.node.exit_code == EXIT_NOT_REACHED
+    assert "location1: canceled: the tour ends" in caplog.messages
+
+
 def test_without_a_recorder_the_tour_still_ends(stage: Stage) -> None:
     stage.bring_up()
     stage.answer()

@@ -94,6 +94,37 @@ def test_the_goal_of_somebody_else_is_left_alone_when_it_is_stopped() -> None:
     assert len(stage.goals) == sent
 
 
+@pytest.mark.parametrize("sent_meanwhile", [False, True])
+def test_who_cancels_its_goal_pauses_it(sent_meanwhile: bool) -> None:
+    stage = exploring()
+    own = stage.goal
+    assert own is not None
+    while sent_meanwhile and stage.goals[-1] == own:
+        stage.step()
+    if not sent_meanwhile:
+        stage.goal = None
+    stage.end(own, ErrorCode.CANCELED)
+    stage.step()
+    sent = len(stage.goals)
+    for _ in range(50):
+        stage.step()
+    assert (stage.status.state, stage.status.reason) == ("paused", "its goal was canceled")
+    assert (stage.goal, len(stage.goals)) == (None, sent)
+    stage.say(table.EXPLORE_RESUME, msg.Bool(data=True))
+    stage.run(120, "complete", "failed")
+    assert stage.status.reason == "no reachable frontiers left"
+
+
+def test_one_that_is_resumed_at_once_is_not_paused_by_the_goal_that_its_pause_canceled() -> None:
+    stage = exploring()
+    stage.say(table.EXPLORE_RESUME, msg.Bool(data=False))
+    stage.step()
+    stage.say(table.EXPLORE_RESUME, msg.Bool(data=True))
+    for _ in range(20):
+        stage.step()
+    assert stage.status.state == "exploring"
+
+
 def again(before: Stage, kept: ExplorationStatus, **stats: Any) -> Stage:
     """Another process, with what was kept of the one before."""
     stage = Stage(TWO_ROOMS, before.robot, ExplorerConfig())

@@ -6,9 +6,11 @@ import pytest
 
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages import action_documents as act
+from mazebot.common.messages.documents import CancelGoal, CancelGoalReply
 from mazebot.common.messages.error_codes import ErrorCode
 from mazebot.common.messages.slam_documents import ExplorationStatus
 from mazebot.common.messages.topics import (
+    CANCEL_GOAL,
     EXPLORATION_STATUS,
     NAVIGATION_STATUS,
     PAUSE_GOAL,
@@ -103,6 +105,22 @@ def test_where_the_exploration_is_stopped_its_goal_alone_is_canceled(driver: Nod
     stop_exploring(driver, own)
     assert driver.of(NAVIGATION_STATUS)[-1].goal is not None
     assert len(driver.results()) == 1
+
+
+def cancel(driver: NodeDriver) -> CancelGoalReply:
+    replies: list[CancelGoalReply] = []
+    driver.inbox.ask(CANCEL_GOAL, CancelGoal(), replies.append)
+    driver.step()
+    return replies[0]
+
+
+def test_who_cancels_is_told_what_the_exploration_does(driver: NodeDriver) -> None:
+    explore(driver, FAR)
+    assert cancel(driver).explores
+    assert "/explore/resume" in cancel(driver).error
+    driver.goal(NEAR)
+    driver.step()
+    assert not cancel(driver).explores
 
 
 def test_the_explorer_s_goal_is_known_as_such_in_another_process(driver: NodeDriver) -> None:

@@ -308,7 +308,10 @@ class BringupNode(Node):
             self._goal_index += 1
             self._goal_stamp_ns = None
             self._tour_end_ns = now_ns
-            if result.error_code:
+            if result.error_code == ErrorCode.CANCELED:
+                _LOG.warning("%s: canceled: the tour ends", name)
+                self._goal_index = len(self._goals)
+            elif result.error_code:
                 _LOG.warning("%s: error %d: %s", name, result.error_code, result.error_msg)
             else:
                 taken_s = result.end_time_s - result.start_time_s

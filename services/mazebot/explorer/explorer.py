@@ -84,6 +84,8 @@ class Explorer:
         """When the newest map came."""
         self._robot: SE2 | None = None
         self._sent: _Sent | None = None
+        self._own_ns: tuple[int, ...] = ()
+        """Stamps of the last two goals: who cancels may have meant the one before."""
         self._busy_ns = 0
         """When navigation was last busy."""
         self._yields = False
@@ -115,6 +117,7 @@ class Explorer:
         self.state, self.reason = kept.state, kept.reason
         self.driven_m, self.goals = kept.driven_m, kept.goals
         self.goal_stamp_ns = kept.goal_stamp_ns
+        self._own_ns = () if kept.goal_stamp_ns is None else (kept.goal_stamp_ns,)
         self.explored_ns = round(kept.explored_s * 1e9)
         self._aside.restore((place.x_m, place.y_m, place.tries) for place in kept.places_set_aside)
 
@@ -138,11 +141,12 @@ class Explorer:
         """Navigation reports that it has a goal, or does something else."""
         self._busy_ns = now_ns
 
-    def pause(self) -> None:
+    def pause(self, reason: str = "stopped on request") -> None:
         """Stop, and stay: navigation cancels the goal that was sent last."""
         if self.state in ("exploring", "returning", "waiting"):
-            self.state, self.reason = "paused", "stopped on request"
+            self.state, self.reason = "paused", reason
             self._sent = self.aim = None
+            self._own_ns = ()
 
     def resume(self) -> None:
         """Go on, also after the end: a map may be looked at again."""
@@ -376,12 +380,17 @@ class Explorer:
         self._reached_ns = None
         self._sent = _Sent(pose, now_ns, what_for)
         self.goal_stamp_ns = now_ns
+        self._own_ns = (*self._own_ns[-1:], now_ns)
         if what_for is not None:
             self.goals += 1
         return pose
 
     def ended(self, now_ns: int, stamp_ns: int, error_code: int, error_msg: str) -> None:
         """Navigation has ended the goal with this stamp."""
+        if error_code == ErrorCode.CANCELED and stamp_ns in self._own_ns:
+            _LOG.warning("the goal was canceled: the exploration is paused")
+            self.pause("its goal was canceled")
+            return
         sent = self._sent
         if sent is None or sent.stamp_ns != stamp_ns or self.state == "paused":
             return

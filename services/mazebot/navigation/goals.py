@@ -247,6 +247,9 @@ class Goals:
         goal = next((one for one in (running, self.before) if _is_meant(asked, one)), None)
         if goal is None:
             error = "no active goal"
+            told = self.exploration
+            if told is not None and told.state in ("exploring", "returning"):
+                error += ": the exploration sends the next; false on /explore/resume stops it"
             if asked.goal_stamp_ns is not None:
                 error = f"goal_stamp_ns: {asked.goal_stamp_ns}: no active goal with this stamp"
             elif asked.goal_id is not None:
@@ -263,6 +266,7 @@ class Goals:
             goal_stamp_ns=goal.stamp_ns or 0,
             goal_id=goal.goal_id,
             accepted_ns=goal.start_ns,
+            explores=goal.explores,
         )
 
     def stop_exploring(self, now_ns: int, drive: Drive | None) -> None:

@@ -77,4 +77,5 @@ def cancel_goal(endpoint: str, as_json: bool) -> None:
         return
     at = reply.goal
     where = "the task" if at is None else f"({at.x_m:g}, {at.y_m:g}, {at.yaw_rad:g})"
-    sys.stdout.write(f"canceled: {where}; the robot stops\n")
+    also = "the exploration is paused: " * reply.explores
+    sys.stdout.write(f"canceled: {where}; {also}the robot stops\n")

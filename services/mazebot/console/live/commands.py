@@ -100,8 +100,8 @@ def _remove(robot: Robot, action: pm.Remove) -> str:
 
 
 def _cancel(robot: Robot, _: pm.Cancel) -> str:
-    _checked(cancel_goal(robot, doc.CancelGoal(), ANSWER_TIMEOUT_S))
-    return "canceled: the robot stops"
+    reply = _checked(cancel_goal(robot, doc.CancelGoal(), ANSWER_TIMEOUT_S))
+    return f"canceled: {'the exploration is paused: ' * reply.explores}the robot stops"
 
 
 def _pause_task(robot: Robot, action: pm.PauseTask) -> str:

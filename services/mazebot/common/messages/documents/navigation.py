@@ -126,3 +126,6 @@ class CancelGoalReply(Document):
     goal_stamp_ns: int = Field(0, description="stamp of that goal's message")
     goal_id: str = Field("", description="its id; empty: it came on /goal_pose")
     accepted_ns: int = Field(0, description="simulation time at which it was accepted")
+    explores: bool = Field(
+        False, description="whether it was the explorer's: the exploration is paused"
+    )
