@@ -23,6 +23,7 @@ from mazebot.cli.logs.options import (
     warn_of_place,
 )
 from mazebot.cli.logs.read import read_log
+from mazebot.cli.logs.turned import check_turn
 from mazebot.cli.parsing.options import ROUTER, Connect, Json, print_json
 from mazebot.cli.parsing.poses import POSE, given_pose
 from mazebot.common.config import ConfigError
@@ -107,6 +108,7 @@ def localize(
         sys.stderr.write(f"{log_file}: {remark}\n")
     if base_from_scan is None:
         warn_of_place(log_file, log)
+    check_turn(log_file, log, base_from_scan)
     done = run(chart, log, begin, base_from_scan, seed)
     fixes, left_out = done.found, done.without_odometry
     _check_used(log_file, len(fixes), left_out)

@@ -24,6 +24,7 @@ from mazebot.cli.logs.options import (
     warn_of_place,
 )
 from mazebot.cli.logs.read import read_log
+from mazebot.cli.logs.turned import check_turn
 from mazebot.cli.map.build_run import reasons, run
 from mazebot.cli.map.relations import RelationErrors, read_relations, relation_errors
 from mazebot.cli.parsing.options import Json, print_json
@@ -95,9 +96,9 @@ def build(
     log = read_log(log_file, form, Topics(scan_topic, odom_topic))
     if base_from_scan is None:
         warn_of_place(log_file, log)
-
     if log.no_returns:
         raise ConfigError(f"--log: {log_file}: {log.no_returns}: --range-min, --range-max set them")
+    check_turn(log_file, log, base_from_scan)
     try:
         with ProgressLine(wanted=not as_json) as progress:
             built = run(
