@@ -14,6 +14,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 
 from mazebot.cli.logs.log import Log, ScanForm, Topics
 from mazebot.cli.logs.read import read_log
+from mazebot.cli.map.build_run import run
 from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import (
     SE2,
@@ -25,6 +26,8 @@ from mazebot.common.maths.frames import (
 )
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.scan import Mount, Scan
+from mazebot.mapping.params import SlamParams
+from mazebot.mapping.slam import NOT_LATER
 
 UPSIDE_DOWN = math.pi
 STEP_NS = 500_000_000
@@ -279,6 +282,15 @@ def test_each_of_two_lidars_has_a_place_of_its_own(tmp_path: Path) -> None:
     )
     log = read(write(tmp_path / "bag", links, frames=("rear", "front")))
     assert {one.base_from_scan.x_m for one in scans_of(log)} == {0.2, -0.2}
+
+
+def test_scans_of_two_lidars_with_one_stamp_are_both_used(tmp_path: Path) -> None:
+    links = (Link("base_footprint", "front"), Link("base_footprint", "rear"))
+    log = read(write(tmp_path / "bag", links, frames=("rear", "front")))
+    built = run(log, SlamParams())
+    assert (len(built.times_s), dict(built.slam.left_out)) == (40, {})
+    twice = read(write(tmp_path / "twice", links, frames=("rear", "rear")))
+    assert run(twice, SlamParams()).slam.left_out == {NOT_LATER: 20}
 
 
 def test_a_lidar_in_the_robots_own_frame_is_at_its_centre(tmp_path: Path) -> None:

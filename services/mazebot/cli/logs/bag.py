@@ -26,6 +26,8 @@ _ODOMETRY, _SCAN = "nav_msgs/msg/Odometry", "sensor_msgs/msg/LaserScan"
 _TRANSFORMS = "tf2_msgs/msg/TFMessage"
 _SET_BACK_NS = 1_000_000_000
 """A topic whose stamps go back by more, and on from there: its clock was set back."""
+_AFTER_NS = 1_000
+"""A scan comes so much after that of another lidar with the same stamp: times are unique."""
 
 
 class _Told(NamedTuple):
@@ -139,9 +141,13 @@ def _log(found: _Found, places: _Places) -> Log:
         if _is_finite(odom_from_base)
     ]
     left_out = len(poses) - len(entries)
+    scans: list[LoggedScan] = [told.says for told in found.scans]
+    times_ns = _one_by_one(
+        _times_ns(found.scans, lag_ns, steps_ns), [scan.frame_id for scan in scans]
+    )
     entries += [
-        Entry(time_ns, None, _mounted(told.says, mounts[told.says.frame_id]))
-        for time_ns, told in zip(_times_ns(found.scans, lag_ns, steps_ns), found.scans, strict=True)
+        Entry(time_ns, None, _mounted(scan, mounts[scan.frame_id]))
+        for time_ns, scan in zip(times_ns, scans, strict=True)
     ]
     entries.sort(key=lambda entry: (entry.stamp_ns, entry.scan is not None))
     return Log(
@@ -243,6 +249,18 @@ def _times_ns(series: list[_Told], lag_ns: int, steps_ns: list[int]) -> list[int
         times_ns.append(time_ns + moved_ns)
         newest_ns = max(times_ns[-1], times_ns[-1] if newest_ns is None else newest_ns)
     return times_ns
+
+
+def _one_by_one(times_ns: Iterable[int], lidars: Iterable[str]) -> list[int]:
+    """Times of scans, of which those of several lidars at one time come one after the other."""
+    there: dict[int, list[str]] = {}
+    later_ns = []
+    for time_ns, lidar in zip(times_ns, lidars, strict=True):
+        at_once = there.setdefault(time_ns, [])
+        if lidar not in at_once:
+            at_once.append(lidar)
+        later_ns.append(time_ns + _AFTER_NS * at_once.index(lidar))
+    return later_ns
 
 
 def _missing(path: Path, bag: Bag, topic: str, kind: str, option: str) -> str:
