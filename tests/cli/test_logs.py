@@ -435,3 +435,35 @@ class TestBags:
             "has no sensor_msgs/msg/LaserScan on /scan: --scan-topic must be one of its /front"
             in (refused(bag))
         )
+
+
+class TestHeadings:
+    """A way of 3 m around, in steps of 4 cm, with its headings in some unit."""
+
+    def poses(self, *, turns: float, unit_rad: float, wrapped_rad: float) -> list[SE2]:
+        yaws = np.linspace(0.3, 0.3 + turns * math.tau, 150)
+        x, y = np.cumsum(0.04 * np.stack([np.cos(yaws), np.sin(yaws)]), axis=1)
+        told = (yaws + math.pi) % wrapped_rad - math.pi if wrapped_rad else yaws
+        return [SE2(*pose) for pose in zip(x, y, told / unit_rad, strict=True)]
+
+    def csv(self, folder: Path, poses: list[SE2]) -> Path:
+        rows = [f"{i / 10},{x:.4f},{y:.4f},{yaw:.4f},2,2" for i, (x, y, yaw) in enumerate(poses)]
+        header = "time_s,odom_x_m,odom_y_m,odom_yaw_rad,range_0,range_1"
+        return written(folder, header, *rows, name="log.csv")
+
+    @pytest.mark.parametrize("wrapped_rad", [0.0, math.tau])
+    def test_degrees_are_refused(self, tmp_path: Path, wrapped_rad: float) -> None:
+        poses = self.poses(turns=1.5, unit_rad=math.radians(1.0), wrapped_rad=wrapped_rad)
+        log = self.csv(tmp_path, poses)
+        with pytest.raises(ConfigError) as error:
+            read(log)
+        assert str(error.value).startswith(f"--log: {log}: odom_yaw_rad: 17.1887 at time_s 0: must")
+        carmen = written(tmp_path, *(flaser(i / 10, pose) for i, pose in enumerate(poses)))
+        with pytest.raises(ConfigError) as error:
+            read(carmen)
+        assert str(error.value).startswith(f"--log: {carmen}:1: theta: 17.1887: must be radians")
+
+    def test_radians_of_many_turns_are_taken(self, tmp_path: Path) -> None:
+        poses = self.poses(turns=4.0, unit_rad=1.0, wrapped_rad=0.0)
+        assert max(pose.yaw_rad for pose in poses) > 3.0 * math.tau
+        assert read(self.csv(tmp_path, poses)).scans == len(poses)

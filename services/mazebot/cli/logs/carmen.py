@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mazebot.cli.logs.headings import IN_DEGREES, first_in_degrees
 from mazebot.cli.logs.log import CLOCK_SET_S, Entry, Log, LoggedScan, ScanForm, Where, growing
 from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import SE2, Array, wrap_angle, wrap_angles
@@ -59,6 +60,8 @@ class _Found:
     sweeps: dict[str, list[_Sweep]] = field(default_factory=lambda: {kind: [] for kind in _SCANS})
     odometry: list[tuple[int, _Times, SE2]] = field(default_factory=list)
     """Line, times and pose."""
+    robots: list[tuple[int, float, float, float]] = field(default_factory=list)
+    """Line and pose of the robot, as it is written."""
     offset_m: float | None = None
 
 
@@ -98,6 +101,7 @@ def read(path: Path, lines: Iterable[str], form: ScanForm) -> Log:
     sweeps = found.sweeps[kind]
     if kind == "RAWLASER1" and not found.odometry:
         raise ConfigError(f"--log: {path}: has RAWLASER1 without ODOM: must have both")
+    _check_headings(path, found)
     place = _base_from_scan(sweeps, found.offset_m)
     entries, retimed = _in_time(sweeps, form, [] if sweeps[0].robot else found.odometry, place)
     return Log(entries, int(damage is not None), retimed)
@@ -108,12 +112,12 @@ def _add(found: _Found, where: Where, words: list[str], whole: bool) -> None:
     if keyword == "PARAM" and len(words) > 2 and words[1] == _OFFSET:
         (found.offset_m,) = _numbers(where, _OFFSET, words[2:3])
     elif keyword == "ODOM":
-        pose = _pose(where, "pose", words[1:4])
+        pose = _robot(found, where, "pose", words[1:4])
         found.odometry.append((where.line, _times_s(where, words[7:10], whole), pose))
     elif keyword == "FLASER":
         ranges, rest = _readings(where, words, 1)
         step, fov = _sick_form(len(ranges))
-        laser, robot = _pose(where, "laser", rest[:3]), _pose(where, "robot", rest[3:6])
+        laser, robot = _pose(where, "laser", rest[:3]), _robot(found, where, "robot", rest[3:6])
         times_s = _times_s(where, rest[6:9], whole)
         found.sweeps[keyword].append(
             _Sweep(where.line, times_s, ranges, -fov / 2.0, step, _FARTHEST_M, laser, robot)
@@ -125,7 +129,7 @@ def _add(found: _Found, where: Where, words: list[str], whole: bool) -> None:
         rest = rest[1 + max(0, int(remissions)) :]
         poses: tuple[SE2, SE2] | tuple[None, None] = (None, None)
         if keyword == "ROBOTLASER1":
-            poses = _pose(where, "laser", rest[:3]), _pose(where, "robot", rest[3:6])
+            poses = _pose(where, "laser", rest[:3]), _robot(found, where, "robot", rest[3:6])
             rest = rest[11:]
         times_s = _times_s(where, rest[:3], whole)
         if step <= 0.0:
@@ -166,6 +170,21 @@ def _readings(where: Where, words: list[str], at: int) -> tuple[NDArray[np.float
 def _pose(where: Where, name: str, texts: list[str]) -> SE2:
     x_m, y_m, yaw_rad = _numbers(where, name, texts, 3)
     return SE2(x_m, y_m, wrap_angle(yaw_rad))
+
+
+def _robot(found: _Found, where: Where, name: str, texts: list[str]) -> SE2:
+    pose = _pose(where, name, texts)
+    x_m, y_m, yaw = _numbers(where, name, texts, 3)
+    found.robots.append((where.line, x_m, y_m, yaw))
+    return pose
+
+
+def _check_headings(path: Path, found: _Found) -> None:
+    poses = np.array(found.robots).reshape(-1, 4)
+    wrong = first_in_degrees(poses[:, 1:])
+    if wrong is not None:
+        line, _, _, yaw = found.robots[wrong]
+        raise Where(path, line).wrong(f"theta: {yaw:g}: {IN_DEGREES}")
 
 
 def _times_s(where: Where, texts: list[str], whole: bool) -> _Times:

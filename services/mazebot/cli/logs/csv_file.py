@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mazebot.cli.logs.headings import IN_DEGREES, first_in_degrees
 from mazebot.cli.logs.log import Entry, Log, LoggedScan, ScanForm, Where, growing
 from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import SE2
@@ -36,6 +37,13 @@ def read(path: Path, lines: Iterable[str], form: ScanForm) -> Log:
         raise ConfigError(f"--log: {path}: must be CSV in UTF-8") from error
     if not entries:
         raise ConfigError(f"--log: {path}: has no rows after its header")
+    poses = np.array([pose for _, pose, _ in entries])
+    wrong = first_in_degrees(poses)
+    if wrong is not None:
+        raise ConfigError(
+            f"--log: {path}: {COLUMNS[3]}: {poses[wrong, 2]:g} at {COLUMNS[0]} "
+            f"{entries[wrong][0]:g}: {IN_DEGREES}"
+        )
     times_s, made_up = growing([time_s for time_s, _, _ in entries])
     return Log(
         [
