@@ -46,6 +46,7 @@ from tests.recorder.synthetic import (
     driving,
     opening,
     room,
+    true_pose,
 )
 
 
@@ -219,6 +220,27 @@ def test_the_verdict_comes_each_second_and_at_once_when_a_goal_ends(tmp_path: Pa
     assert isinstance(last, doc.Evaluation)
     assert [goal.error_code for goal in last.goals] == [105]
     assert last.recording == str(next(tmp_path.iterdir()))
+
+
+def test_parameters_that_are_told_before_a_run_count_in_each(tmp_path: Path) -> None:
+    bench = Bench(recorder(tmp_path, record=False))
+    values: dict[str, Any] = {"general_goal_checker": {"position_only": True}}
+    told = doc.Parameters(service="navigation", values={"controller_server": values})
+    bench.say([(0, table.PARAMETERS, told)])
+    for start_s, world in ((0, room()), (10, room("other", 2.0))):
+        begin_ns = start_s * 1_000_000_000
+        bench.say([(begin_ns, topic, message) for _, topic, message in opening(world)])
+        bench.say(driving(world, 2.0, begin_ns))
+        there = true_pose(begin_ns + 1_000_000_000)
+        turned = doc.Planar(x_m=there.x_m, y_m=there.y_m, yaw_rad=there.yaw_rad + 2.0)
+        reached = doc.NavigationResult(
+            goal=turned, goal_stamp_ns=5, error_code=0,
+            start_time_s=start_s + 0.5, end_time_s=start_s + 1.0,
+        )  # fmt: skip
+        bench.say([(begin_ns + 2_000_000_000, table.NAVIGATION_RESULT, reached)])
+    bench.node.close()
+    for run in tmp_path.iterdir():
+        assert [goal["reached"] for goal in summary_of(run)["goals"]] == [False, True]
 
 
 def test_without_a_recording_rerun_is_not_even_loaded(tmp_path: Path) -> None:

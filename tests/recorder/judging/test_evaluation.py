@@ -35,6 +35,7 @@ from mazebot.common.messages.documents import (
     Location,
     MarkerEntity,
     NavigationResult,
+    Parameters,
     Planar,
     Shape,
     Wall,
@@ -329,6 +330,38 @@ def test_navigations_word_is_not_enough(off: SE2, error_code: int, reached: bool
     (report,) = evaluation.evaluation().goals
     assert report.reached is reached
     assert report.error_code == error_code
+
+
+@pytest.mark.parametrize(
+    ("checker", "off", "reached"),
+    [
+        ({"position_only": True}, SE2(0.1, 0.0, 2.0), True),
+        ({"position_only": True}, SE2(0.26, 0.0, 0.0), False),
+        ({"xy_goal_tolerance": 0.5}, SE2(0.6, 0.0, 0.0), True),
+        ({"xy_goal_tolerance": 0.5}, SE2(0.7, 0.0, 0.0), False),
+        ({"yaw_goal_tolerance": 0.5}, SE2(0.0, 0.0, -0.6), True),
+        ({"symmetric_yaw_tolerance": True}, SE2(0.0, 0.0, 3.0), True),
+        ({"symmetric_yaw_tolerance": True}, SE2(0.0, 0.0, 1.5), False),
+        ({"xy_goal_tolerance": "far", "yaw_goal_tolerance": None}, SE2(0.24, 0.0, 0.0), True),
+    ],
+)
+def test_a_goal_is_judged_by_the_goal_checker_in_force(
+    checker: dict[str, Any], off: SE2, reached: bool
+) -> None:
+    evaluation = RunEvaluation(make_world())
+    values = {"controller_server": {"general_goal_checker": checker}}
+    evaluation.add_parameters(Parameters(service="physics", values={}))
+    evaluation.add_parameters(Parameters(service="navigation", values=values))
+    drive(evaluation)
+    goal = SE2(START.x_m + 3.0 + off.x_m, START.y_m, off.yaw_rad)
+    evaluation.add_result(result(goal))
+    at = Planar(x_m=goal.x_m, y_m=goal.y_m, yaw_rad=goal.yaw_rad)
+    evaluation.add_result(task("navigate_to_pose", goal=at))
+    # The goal checker has no say in a motion.
+    evaluation.add_result(task("drive_on_heading", goal_id="a-2", displacement=planar(3.3, 0.0)))
+    *judged, motion = evaluation.evaluation().goals
+    assert [one.reached for one in judged] == [reached, reached]
+    assert not motion.reached
 
 
 def test_a_goal_that_its_world_took_away_is_not_judged() -> None:

@@ -12,7 +12,7 @@ from mazebot.bench.navigation.surroundings import Surroundings
 from mazebot.bench.navigation.witness import Witness
 from mazebot.common.maths.frames import SE2, Array, wrap_angle
 from mazebot.common.robot.waffle import MAX_LINEAR_M_S
-from mazebot.recorder.judging.goals.goal_evaluation import GOAL_TOLERANCE_M, GOAL_TOLERANCE_RAD
+from mazebot.recorder.judging.goals.tolerance import GoalTolerance
 
 ALARM_ERROR_M, ALARM_ERROR_RAD = 0.3, 0.3
 """Poses nearer to the truth than this"""
@@ -50,7 +50,7 @@ def fill_in(row: Row, leg: Leg, witness: Witness, around: Surroundings) -> None:
     end = SE2(*truth[-1, 1:4].tolist()) if len(truth) else leg.start
     row.goal_error_m = end.distance_m(leg.goal)
     turn_rad = abs(wrap_angle(end.yaw_rad - leg.goal.yaw_rad))
-    near = row.goal_error_m <= GOAL_TOLERANCE_M and turn_rad <= GOAL_TOLERANCE_RAD
+    near = GoalTolerance().holds(row.goal_error_m, turn_rad)
     row.reached = row.error_code == 0 and near
     contacts = [one for one in witness.contacts if leg.start_s <= one.time_s <= leg.end_s]
     row.contacts_robot = metrics.episodes([one.time_s for one in contacts if one.by_robot])

@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 from mazebot.common.maths.frames import BASE_FOOTPRINT_FRAME, SCAN_FRAME, Array
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.action_documents import ActionFeedback
-from mazebot.common.messages.documents import Contact, Entities, Evaluation, World
+from mazebot.common.messages.documents import Contact, Entities, Evaluation, Parameters, World
 from mazebot.common.messages.messages import ns_from_time
 from mazebot.common.messages.slam_documents import ExplorationStatus, PoseGraph
 from mazebot.common.recordings.series import RunSeries
 from mazebot.recorder.judging.error_summary import ErrorSummary
 from mazebot.recorder.judging.goals.goal_evaluation import GoalEvaluation, Result, ns_from_s
+from mazebot.recorder.judging.goals.tolerance import tolerance_of
 from mazebot.recorder.judging.history import RunHistory
 from mazebot.recorder.judging.marker_errors import MarkerErrors
 from mazebot.recorder.judging.plan import Plan
@@ -111,6 +112,11 @@ class RunEvaluation:
         if len(self._contacts) < _MOST_CONTACTS:
             self._contacts.append(contact)
         self._goals.see_contact(ns_from_s(contact.time_s))
+
+    def add_parameters(self, told: Parameters) -> None:
+        """Add the configuration of a service: navigation's says what a reached goal is."""
+        if told.service == "navigation":
+            self._goals.tolerance = tolerance_of(told.values)
 
     def add_goal(self, goal: msg.PoseStamped) -> None:
         """Add a goal that was sent."""

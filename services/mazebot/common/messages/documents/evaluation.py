@@ -34,7 +34,8 @@ class GoalReport(Document):
     )
     reached: bool = Field(
         description="navigation reports success, and the robot's true pose, if known, is "
-        "within 0.25 m and 0.25 rad of the goal, if there is one"
+        "within 0.25 m and 0.25 rad of the goal, if there is one; with other tolerances of the "
+        "goal checker than the default, within those and 0.19 m and 0.19 rad"
     )
     time_s: Finite = Field(description="simulation time from start to end, s")
     path_length_m: Finite = Field(description="length of the true path, m")

@@ -23,20 +23,19 @@ from mazebot.common.messages.messages import ns_from_time
 from mazebot.common.messages.slam_documents import ExplorationStatus
 from mazebot.recorder.judging.goals.judged_goal import JudgedGoal
 from mazebot.recorder.judging.goals.shortest_path import ShortestPath
+from mazebot.recorder.judging.goals.tolerance import GoalTolerance
 from mazebot.recorder.judging.obstacles import obstacles, read_meshes
 from mazebot.recorder.judging.pending import Pending
 from mazebot.recorder.judging.poses.driven_way import DrivenWay
 from mazebot.recorder.judging.recent_rows import RecentRows
 
-GOAL_TOLERANCE_M = 0.25
-"""A goal counts as reached within this distance: Nav2's `xy_goal_tolerance`,"""
-GOAL_TOLERANCE_RAD = 0.25
-"""and within this angle: Nav2's `yaw_goal_tolerance`."""
 SAME_PLACE_M = 1e-3
 """A goal nearer than this to a named location gets its name."""
 
 Result = NavigationResult | ActionResult
 _DRIVE = "navigate_to_pose"
+_CHECKED = (_DRIVE, "navigate_through_poses", "follow_waypoints", "follow_path")
+"""Actions whose goal the goal checker checks."""
 _EXPLORING = ("exploring", "returning")
 _MOST_CONTACTS = 1000
 _GOALS_UNDER_WAY = 16
@@ -47,10 +46,10 @@ class GoalEvaluation:
     goal in the map, or, where it has none, by where it should have led from the true pose at its
     start.
 
-    A goal is reached if navigation reports so and the robot's true pose is within 0.25 m and
-    0.25 rad of it. Its path is the true one, from the start to the end that navigation reports. Its
-    shortest path leads from the robot's true position at its start, around the walls and the bodies
-    that were static when the goal was sent.
+    A goal is reached if navigation reports so and the robot's true pose is within `tolerance` of
+    it, 0.25 m and 0.25 rad by default. Its path is the true one, from the start to the end that
+    navigation reports. Its shortest path leads from the robot's true position at its start, around
+    the walls and the bodies that were static when the goal was sent.
     """
 
     def __init__(
@@ -59,6 +58,8 @@ class GoalEvaluation:
         """`way` and `recent_error_m` are those of the run; `assets` may be filled later."""
         self.standing: tuple[BodyEntity, ...] = ()
         """The spawned bodies that do not move."""
+        self.tolerance = GoalTolerance()
+        """Of goals that the goal checker checks; motions are held against the default."""
         self._world = world
         self._assets = assets
         self._way = way
@@ -222,7 +223,8 @@ class GoalEvaluation:
         if goal is not None and is_known:
             error_m = end.distance_m(goal)
             error_rad = abs(wrap_angle(end.yaw_rad - goal.yaw_rad))
-            is_there = error_m <= GOAL_TOLERANCE_M and error_rad <= GOAL_TOLERANCE_RAD
+            tolerance = self.tolerance if action in _CHECKED else GoalTolerance()
+            is_there = tolerance.holds(error_m, error_rad)
         if goal is not None and action == _DRIVE:
             shortest_m = self._shortest_path_m(goal_id or stamp_ns, start, goal)
         report = GoalReport(

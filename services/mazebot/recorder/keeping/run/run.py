@@ -14,7 +14,7 @@ import yaml
 from pydantic_core import to_json
 
 from mazebot.common.messages import documents as doc
-from mazebot.common.messages.topics import CAMERA_IMAGE, SIMULATION_STATS, Topic
+from mazebot.common.messages.topics import CAMERA_IMAGE, PARAMETERS, SIMULATION_STATS, Topic
 from mazebot.common.node.node import TopicCounts
 from mazebot.common.recordings.run_folder import (
     CONFIG,
@@ -109,6 +109,8 @@ class Run:
         self._kept_s = self._summarised_s = -math.inf
         for topic, message in setting.fixed.items():
             self._judge.take(topic, message)
+        for told in setting.parameters.values():
+            self._judge.take(PARAMETERS, told)
         self._open_recording(now_ns)
 
     def take(self, topic: Topic[Any], taken: Taken, now_ns: int, is_recorded: bool = False) -> None:
