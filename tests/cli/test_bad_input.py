@@ -320,6 +320,8 @@ sim speed 1e9 : speed|1e9
 sim reset --seed -3 : seed|-3
 sim reset --seed x : --seed|x
 sim reset --sed 3 : --sed|--seed
+sim reset --scope half : --scope|half|fresh
+sim reset --time-only --scope all : --scope|all|time
 sim stats 3 : 3
 topic list 3 : 3
 topic list --connect tcp/127.0.0.1:1 : tcp/127.0.0.1:1

@@ -13,8 +13,10 @@ from pathlib import Path
 
 import pytest
 import zenoh
+from typer.testing import CliRunner
 
 from mazebot.bench.parts.loopback_router import running_router
+from mazebot.cli.app import app
 from mazebot.common.bus.config import BusConfig
 from mazebot.common.bus.liveliness import alive_key
 from mazebot.common.bus.publisher import publish
@@ -211,6 +213,22 @@ def _pace_and_reset(endpoint: str) -> None:
     table = said(endpoint, "stats")
     for row in (r"simulation time +0 s", r"paused +yes", r"seed +9", r"step +0 of 4\.167 ms"):
         assert re.search(row, table), table
+
+
+@pytest.mark.parametrize(
+    ("flags", "scope"),
+    [
+        ([], "all"), (["--scope", "all"], "all"), (["--scope", "fresh"], "fresh"),
+        (["--scope", "time"], "time"), (["--time-only"], "time"),
+    ],
+)  # fmt: skip
+def test_a_reset_has_the_scopes_of_the_service(
+    monkeypatch: pytest.MonkeyPatch, flags: list[str], scope: str
+) -> None:
+    asked: list[dict[str, object]] = []
+    monkeypatch.setattr("mazebot.cli.sim._control", lambda *_, **fields: asked.append(fields))
+    CliRunner().invoke(app, ["sim", "reset", *flags], catch_exceptions=False)
+    assert asked == [{"reset": scope, "seed": None}]
 
 
 def _a_goal_while_paused(opened: zenoh.Session, endpoint: str) -> None:

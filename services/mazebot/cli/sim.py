@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import sys
 import time
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from pydantic import ValidationError
@@ -73,7 +73,14 @@ def run_until(
 
 @app.command()
 def reset(
-    time_only: Annotated[bool, typer.Option("--time-only", help="reset only the clock")] = False,
+    scope: Annotated[
+        Literal["all", "fresh", "time"] | None,
+        typer.Option(
+            help="all: the initial state, what was spawned at its first pose; fresh: without what "
+            "was spawned; time: only the clock [default: all]"
+        ),
+    ] = None,
+    time_only: Annotated[bool, typer.Option("--time-only", help="as --scope time")] = False,
     seed: Annotated[
         int | None, typer.Option(help="new seed of the random streams [default: unchanged]")
     ] = None,
@@ -81,7 +88,9 @@ def reset(
     connect: Connect = ROUTER,
 ) -> None:
     """Reset the simulation to time 0 and its initial state."""
-    _control(connect, as_json, reset="time" if time_only else "all", seed=seed)
+    if time_only and scope not in (None, "time"):
+        raise ConfigError(f"--scope: {scope}: must be time with --time-only")
+    _control(connect, as_json, reset="time" if time_only else scope or "all", seed=seed)
 
 
 @app.command()
