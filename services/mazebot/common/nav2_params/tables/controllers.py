@@ -142,8 +142,10 @@ movement_time_allowance double 10.0 >=0
 _PATH_HANDLER = """
 prune_distance double 2.0 >0
 max_robot_pose_search_dist double - *
-- transform_tolerance enforce_path_inversion enforce_path_rotation inversion_xy_tolerance
-- inversion_yaw_tolerance minimum_rotation_angle reject_unit_path
+enforce_path_inversion bool false * =- !true # a path is followed up to where it turns back first
+inversion_xy_tolerance double 0.2 >0 =- !0.2
+- transform_tolerance enforce_path_rotation inversion_yaw_tolerance minimum_rotation_angle
+- reject_unit_path
 """
 
 _GROUPS = (
