@@ -37,6 +37,7 @@ from mazebot.common.settings.load import load
 from mazebot.physics.bodies.bullet import pybullet
 from mazebot.physics.config import PhysicsConfig
 from mazebot.physics.node import PhysicsNode
+from tests.physics.bodies.test_bodies import heap, world_of
 from tests.physics.driver import HOUSE_WALLS, Driver, asset, panel, texture, world
 
 WALL_TEXTURE, PANEL_TEXTURE = texture(200), texture(40)
@@ -294,6 +295,19 @@ def test_a_world_that_is_loaded_again_has_what_its_new_set_has(set_first: bool) 
     _desire(driver, hung, spawned)
     driver.revision = -1
     assert _desire(driver, hung).entities == (hung, spawned)
+
+
+def test_the_old_world_after_one_that_cannot_be_built_is_answered() -> None:
+    driver = Driver().load(world())
+    bad = world_of(*heap(100))
+    driver.load(bad)
+    assert driver.node.world_hash == world().hash
+    told = driver.all(ENTITIES)
+    # The spawner has left this world, and begins it anew.
+    driver.load(world())
+    assert driver.all(ENTITIES) == [*told, Entities(world_hash=world().hash)]
+    driver.turn()
+    assert len(driver.all(ENTITIES)) == len(told) + 1
 
 
 def test_no_more_than_200_entities() -> None:

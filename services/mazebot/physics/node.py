@@ -165,6 +165,8 @@ class PhysicsNode(ClockNode):
         self._desired: dict[str, Entities] = {}
         self._next_world: World | None = None
         self._entities: Entities | None = None
+        self._is_asked_again = False
+        """Whether a spawner that comes from another world waits to hear which entities exist."""
         self._at_reset: Entities | None = None
         """The desired set at the newest reset in this world; None: there was no reset."""
         self._kept_at_reset: frozenset[str] | None = None
@@ -513,6 +515,9 @@ class PhysicsNode(ClockNode):
                 update={"revision": 0, "entities": (*standing, *again), "refused": desired.refused}
             )
             self._hand_over(self._entities, outbox)
+        if newest != desired.world_hash == self.world_hash:
+            # The other world was refused: nothing need change here for the spawner to be answered.
+            self._is_asked_again = True
         self._desired.pop(desired.world_hash, None)
         self._desired[desired.world_hash] = desired
         while len(self._desired) > _MAX_DESIRED_SETS:
@@ -659,7 +664,7 @@ class PhysicsNode(ClockNode):
         self, world: World, outbox: Outbox, standing: Entities | None = None
     ) -> None:
         """Bring the entities, those that stand or those published last, to the desired set as far
-        as possible; publish only a change.
+        as possible; publish only a change, or what is asked for again.
         """
         desired = self._wanted(world)
         if desired is None or self._placement is None or self._simulation is None:
@@ -668,9 +673,9 @@ class PhysicsNode(ClockNode):
         entities = establish(
             desired, standing or before, files, self._placement, self._simulation.bodies
         )
-        if entities == before:
+        if entities == before and not self._is_asked_again:
             return
-        self._entities = entities
+        self._entities, self._is_asked_again = entities, False
         if before is None or entities.entities != before.entities:
             if self._renderer is not None and self._darkroom is not None:
                 self._darkroom.finish()
