@@ -27,7 +27,7 @@ from mazebot.console.live.frame import binary_frame
 from mazebot.console.live.routes import live_routes
 from mazebot.console.server import build_app
 from mazebot.console.serving import ConsoleServer
-from tests.browser.viewer import ARGUMENTS, CHROMIUM
+from tests.browser.viewer import CHROMIUM
 from tests.console.live.running import Page as Bystander
 from tests.console.runs import make_run
 
@@ -98,18 +98,6 @@ class Opened:
             "(canvas, place) => canvas.pixelOf(...place)", [x_m, y_m]
         )
         return found[0], found[1]
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as playwright:
-        started = playwright.chromium.launch(
-            executable_path=CHROMIUM, headless=True, args=ARGUMENTS
-        )
-        yield started
-        started.close()
 
 
 @contextlib.contextmanager

@@ -16,7 +16,7 @@ from playwright.sync_api import expect
 from mazebot.bench.parts.loopback_router import free_port
 from mazebot.recorder.config import RecorderConfig
 from mazebot.recorder.node import RecorderNode
-from tests.browser.viewer import ARGUMENTS, CHROMIUM, Picture
+from tests.browser.viewer import CHROMIUM, Picture
 from tests.console.runs import make_run, summary
 from tests.console.served import Served, console
 from tests.recorder.synthetic import Bench, WallClock, driving, opening, room
@@ -46,18 +46,6 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
         bench.node.close()
     with console(folder) as running:
         yield running
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as playwright:
-        running = playwright.chromium.launch(
-            executable_path=CHROMIUM, headless=True, args=ARGUMENTS
-        )
-        yield running
-        running.close()
 
 
 @pytest.fixture

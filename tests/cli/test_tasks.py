@@ -31,6 +31,7 @@ from mazebot.common.messages.documents import (
     Location,
     NavigationStatus,
     Planar,
+    StopCause,
 )
 from mazebot.common.messages.topics import (
     ACTION_FEEDBACK,
@@ -242,8 +243,27 @@ def test_waypoints_are_sent_with_their_tasks(robot: Robot, tmp_path: Path) -> No
 
 def test_a_task_is_cancelled_when_its_time_is_over(robot: Robot) -> None:
     robot.result = None
-    assert_one_line(run(robot, "undock", "--timeout", "0.3"), "--timeout", "0.3 s", "canceled")
+    done = run(robot, "undock", "--timeout", "0.3")
+    assert_one_line(done, "--timeout", "0.3 s", "canceled")
+    # As a task that failed, not as words that are wrong.
+    assert done.returncode == 1
+    assert "held" not in done.stderr
     assert robot.cancelled == [CancelGoal(goal_id=robot.sent[-1].goal_id)]
+
+
+def test_what_holds_the_robot_is_told_while_a_task_waits_and_when_its_time_is_over(
+    robot: Robot,
+) -> None:
+    robot.result = None
+    stop = StopCause(level="hold", cause="emergency stop: smoke", cleared_by="a person")
+    status = NavigationStatus(
+        localization_active=True, navigation_active=True, state="held", stop_level="hold",
+        stop_causes=(stop,),
+    )  # fmt: skip
+    # It is kept for the command, which starts later.
+    robot.put(NAVIGATION_STATUS, status)
+    done = run(robot, "undock", "--timeout", "1")
+    assert_one_line(done, "canceled; held at last: emergency stop: smoke; cleared by a person")
 
 
 @pytest.mark.parametrize(("after", "words"), [([], "has ended"), (["b"], "was restarted")])

@@ -16,6 +16,7 @@ from mazebot.common.messages.documents import (
 )
 from mazebot.common.messages.error_codes import ErrorCode
 from mazebot.common.messages.topics import (
+    ACTION_FEEDBACK,
     CMD_VEL,
     CMD_VEL_TELEOP,
     DEPTH_SCAN,
@@ -47,6 +48,24 @@ def status(driver: NodeDriver) -> NavigationStatus:
 
 def causes(driver: NodeDriver) -> list[tuple[str, str]]:
     return [(one.level, one.cause) for one in status(driver).stop_causes]
+
+
+def test_a_goal_for_a_held_robot_has_taken_no_time_and_is_as_far_as_nobody_knows() -> None:
+    driver = NodeDriver()
+    driver.learn()
+    driver.run(1.0)
+    stopped(driver, "Stop in the console")
+    driver.run(1.0)
+    driver.goal(LOCATIONS["location2"])
+    driver.run(1.0)
+    told = driver.of(ACTION_FEEDBACK)[-1]
+    assert told.navigation_time_s == 0.0
+    assert told.distance_remaining_m is told.estimated_time_remaining_s is None
+    stopped(driver, "")
+    driver.run(1.0)
+    told = driver.of(ACTION_FEEDBACK)[-1]
+    assert told.navigation_time_s == pytest.approx(1.0, abs=0.3)
+    assert (told.distance_remaining_m or 0.0) > 0.3
 
 
 def test_a_held_robot_stands_its_task_waits_and_goes_on_when_it_is_cleared() -> None:

@@ -791,6 +791,7 @@ class NavigationNode(Node):
             state = drive.state()
         elif (waits := self._kept or self._goals.before) is not None and waits.paused:
             state = "held"
+        remaining_m = feedback.distance_remaining_m if feedback is not None else None
         recoveries = feedback.number_of_recoveries if feedback is not None else 0
         causes = self._stop_causes(now_ns)
         status = (localized, state, goal, recoveries, causes)
@@ -802,7 +803,7 @@ class NavigationNode(Node):
                 navigation_active=localized,
                 state=state,
                 goal=None if goal is None else planar_document(goal),
-                distance_remaining_m=0.0 if feedback is None else feedback.distance_remaining_m,
+                distance_remaining_m=remaining_m or 0.0,
                 number_of_recoveries=recoveries,
                 stop_level=severest(causes),
                 stop_causes=causes,

@@ -256,16 +256,51 @@ class SomeRobot:
 
     def __init__(self) -> None:
         self.watchers: list[Callable[[tp.Topic[Any], Any, Envelope], None]] = []
+        self.services = {"physics": "physics"}
 
     def watch(self, topics: Any, on_message: Any = None) -> Any:
         self.watchers.append(on_message)
         return lambda: self.watchers.remove(on_message)
 
     def alive(self) -> dict[str, str]:
-        return {"physics": "physics"}
+        return self.services
 
     def say(self, topic: tp.Topic[Any], message: Any) -> None:
         self.watchers[0](topic, message, Envelope("physics", 0, 0, ""))
+
+
+async def seen(page: Outgoing, kind: str) -> list[Frame]:
+    """What a page gets until a kind is among it."""
+    frames: list[Frame] = []
+    async with asyncio.timeout(30.0):
+        while kind not in {frame.kind for frame in frames}:
+            frames += await page.taken()
+    return frames
+
+
+@pytest.mark.parametrize("epoch", [0, 1])
+def test_services_that_are_out_of_sight_for_a_moment_do_not_begin_a_run(epoch: int) -> None:
+    robot = SomeRobot()
+    feed = Feed(cast("Robot", robot), "")
+
+    async def told() -> tuple[list[Frame], list[Frame]]:
+        async with feed.page() as page:
+            await seen(page, "stack")
+            robot.say(tp.SIMULATION_STATS, stats(0, 10.0))
+            robot.say(tp.GROUND_TRUTH_ODOM, odom(1, SE2(1, 2, 0)))
+            await seen(page, "pose")
+            robot.services = {}
+            frames = await seen(page, "stack")
+            robot.services = {"physics": "physics"}
+            frames += await seen(page, "stack")
+            robot.say(tp.SIMULATION_STATS, stats(epoch, 12.0))
+            frames += await seen(page, "stats")
+        async with feed.page() as late:
+            return frames, await seen(late, "trails")
+
+    frames, kept = asyncio.run(told())
+    assert (RESTARTED in {frame.kind for frame in frames}) == (epoch == 1)
+    assert content(kept, "trails")["truth"] == ([[1, 2]] if epoch == 0 else [])
 
 
 @pytest.mark.parametrize(("later_s", "kinds"), [(10.5, {"camera"}), (12.0, set())])
@@ -274,13 +309,6 @@ def test_a_page_that_comes_while_the_simulation_is_paused_gets_the_last_picture_
 ) -> None:
     robot = SomeRobot()
     feed = Feed(cast("Robot", robot), "")
-
-    async def seen(page: Outgoing, kind: str) -> list[Frame]:
-        frames: list[Frame] = []
-        async with asyncio.timeout(30.0):
-            while kind not in {frame.kind for frame in frames}:
-                frames += await page.taken()
-        return frames
 
     async def last_kinds() -> set[str]:
         async with feed.page() as first:

@@ -16,6 +16,7 @@ from websockets.sync.client import connect
 from websockets.typing import Origin
 
 from mazebot.common.client.robot import RobotError
+from mazebot.common.maths.frames import wrap_angle
 from mazebot.common.messages.documents import GetEntities, SetEntityState
 from mazebot.common.messages.slam_documents import ExplorationStatus
 from mazebot.common.messages.topics import EXPLORATION_STATUS, GET_ENTITIES, SET_ENTITY_STATE
@@ -91,6 +92,23 @@ def test_a_goal_is_driven_to_and_its_result_is_told(page: Page) -> None:
     )
     assert results[-1]["status"] == "succeeded"
     page.wait_for(lambda: math.dist(truth(page)[:2], (x + 0.4, y - 0.1)) < 0.25)
+
+
+def test_a_place_without_a_heading_is_arrived_at_as_the_way_leads(page: Page) -> None:
+    start = truth(page)
+    page.done(do="simulation", speed=0.0)
+    for place in ((1.82, 2.13, None), start):
+        page.events.clear()
+        page.done(do="goal", pose=dict(zip(("x_m", "y_m", "yaw_rad"), place, strict=True)))
+        results = page.wait_for(
+            lambda: [content for kind, content in page.events if kind == "action_result"]
+        )
+        assert results[-1]["status"] == "succeeded"
+        if place is not start:
+            # The way leads round a wall, and not straight there, to the upper right.
+            page.wait_for(lambda: math.dist(truth(page)[:2], (1.82, 2.13)) < 0.25)
+            assert abs(wrap_angle(truth(page)[2] - math.pi)) < 0.5
+    page.done(do="simulation", speed=1.0)
 
 
 def test_a_page_that_comes_late_gets_what_it_has_missed_at_once(page: Page, run: Run) -> None:

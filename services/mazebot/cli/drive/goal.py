@@ -13,6 +13,7 @@ from mazebot.cli.drive.task import (
     failure,
     followed,
     ready,
+    timed_out,
 )
 from mazebot.cli.parsing.options import print_json
 from mazebot.common.client import actions
@@ -47,9 +48,9 @@ def send_goal(
             robot.publish(GOAL_POSE, pose)
             line.say(f"driving to ({x_m:g}, {y_m:g}, {yaw_rad:g})")
             result = followed(client, line, timeout_s)
+            holds = client.holds
         if result is None:
-            actions.cancel_goal(robot, goal_request, PATIENCE_S)
-            raise ConfigError(f"goal: --timeout: {timeout_s:g} s: timed out: canceled")
+            return timed_out(robot, goal_request, "goal", timeout_s, holds)
     if as_json:
         print_json(result.model_dump(mode="json"))
         return EXIT_FAILED if result.error_code else 0

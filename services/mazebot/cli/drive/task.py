@@ -73,7 +73,7 @@ def run_task(
         on_message: called with their messages; returns a line to print, or "".
         meanwhile: called in each interval while it runs.
 
-    Raises ConfigError where navigation is not running, or on timeout.
+    Raises ConfigError where navigation is not running.
     """
     goal_id = f"cli-{uuid.uuid4().hex[:12]}"
     goal_request = CancelGoal(goal_id=goal_id)
@@ -89,9 +89,9 @@ def run_task(
                 return _rejected(who, reply, as_json)
             line.say(begin)
             result = followed(client, line, timeout_s, on_message, lambda: meanwhile(robot))
+            holds = client.holds
         if result is None:
-            cancel_goal(robot, goal_request, PATIENCE_S)
-            raise ConfigError(f"{who}: --timeout: {timeout_s:g} s: timed out: canceled")
+            return timed_out(robot, goal_request, who, timeout_s, holds)
     return _ended(who, goal, result, as_json)
 
 
@@ -131,8 +131,10 @@ def followed(
             if text:
                 line.say(text)
         feedback = client.feedback
-        if feedback is not None:
-            line.show(progress(feedback))
+        told = [] if feedback is None else [progress(feedback)]
+        told += [f"held: {client.holds}"] if client.holds else []
+        if told:
+            line.show(", ".join(told))
         meanwhile()
     return client.result
 
@@ -161,6 +163,16 @@ def progress(feedback: act.ActionFeedback) -> str:
     if feedback.paused:
         parts.append("paused")
     return ", ".join(parts)
+
+
+def timed_out(robot: Robot, goal: CancelGoal, who: str, timeout_s: float | None, holds: str) -> int:
+    """Cancel a goal that took too long, and print why; returns the exit code. `holds`: what has
+    held the robot at last.
+    """
+    cancel_goal(robot, goal, PATIENCE_S)
+    held = f"; held at last: {holds}" if holds else ""
+    sys.stderr.write(f"error: {who}: --timeout: {timeout_s:g} s: timed out: canceled{held}\n")
+    return EXIT_FAILED
 
 
 def failure(who: str, action: str, code: int, text: str) -> int:

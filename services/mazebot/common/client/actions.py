@@ -10,7 +10,13 @@ from mazebot.common.client.service_watch import ServiceGoneError, ServiceWatch
 from mazebot.common.client.subscription import Subscription
 from mazebot.common.messages import action_documents as act
 from mazebot.common.messages.documents import CancelGoal, CancelGoalReply, NavigationResult
-from mazebot.common.messages.topics import ACTION_FEEDBACK, CANCEL_GOAL, SEND_GOAL, Topic
+from mazebot.common.messages.topics import (
+    ACTION_FEEDBACK,
+    CANCEL_GOAL,
+    NAVIGATION_STATUS,
+    SEND_GOAL,
+    Topic,
+)
 from mazebot.common.messages.wire import WireError
 
 R = TypeVar("R", act.ActionResult, NavigationResult)
@@ -33,7 +39,7 @@ class ActionClient(Generic[R]):
         self._robot = robot
         self._results: Topic[R] = results
         self._messages = Subscription(robot, results, *also)
-        self._end_feedback = robot.watch((ACTION_FEEDBACK,))
+        self._end_feedback = robot.watch((ACTION_FEEDBACK, NAVIGATION_STATUS))
         self._navigation: ServiceWatch | None = None
         self._last_feedback: act.ActionFeedback | None = None
         self.goal: CancelGoal | None = None
@@ -65,6 +71,14 @@ class ActionClient(Generic[R]):
             return None
         # The feedback of a goal on /goal_pose has no id.
         return feedback if feedback.goal_id == (self.goal.goal_id or "") else None
+
+    @property
+    def holds(self) -> str:
+        """What holds the robot at rest, and what ends that; "" where nothing does."""
+        status = self._robot.latest(NAVIGATION_STATUS)
+        causes = () if status is None else status.stop_causes
+        stops = (cause for cause in causes if cause.level != "slowdown")
+        return next((f"{cause.cause}; cleared by {cause.cleared_by}" for cause in stops), "")
 
     def send(self, goal_id: str, goal: act.ActionGoal, timeout_s: float) -> act.SendGoalReply:
         """Send a goal, and follow it if it is accepted.

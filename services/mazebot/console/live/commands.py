@@ -16,6 +16,7 @@ from mazebot.common.messages import documents as doc
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages import topics as tp
 from mazebot.console.live import page_messages as pm
+from mazebot.console.live.arrival import poses_with_headings
 from mazebot.console.live.page_messages import RefusedError
 
 ANSWER_TIMEOUT_S = 10.0
@@ -55,12 +56,13 @@ def _start(robot: Robot, goal: act.ActionGoal, text: str) -> str:
 
 
 def _goal(robot: Robot, action: pm.Goal) -> str:
-    goal = act.NavigateToPose(pose=action.pose.planar())
+    (pose,) = poses_with_headings(robot, [action.pose])
+    goal = act.NavigateToPose(pose=pose)
     return _start(robot, goal, f"driving to {_text(action.pose)}")
 
 
 def _waypoints(robot: Robot, action: pm.Waypoints) -> str:
-    poses = tuple(place.planar() for place in action.poses)
+    poses = tuple(poses_with_headings(robot, action.poses))
     goal = (
         act.FollowWaypoints(poses=poses) if action.stops else act.NavigateThroughPoses(poses=poses)
     )
@@ -159,7 +161,7 @@ def _simulation(robot: Robot, action: pm.Simulation) -> str:
     return f"{'paused' if stats.paused else f'running {pace}'} at {stats.sim_time_s:.2f} s"
 
 
-def _text(place: pm.Place) -> str:
+def _text(place: pm.Place | pm.Destination) -> str:
     return f"({place.x_m:.2f}, {place.y_m:.2f})"
 
 

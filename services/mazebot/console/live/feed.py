@@ -116,7 +116,6 @@ class Feed:
         self._camera: tuple[float, Frame] | None = None
         """The last picture, and the simulation's time when it came, s."""
         self._pictures = 0
-        self._was_there = False
 
     @property
     def pages(self) -> int:
@@ -243,12 +242,7 @@ class Feed:
         frames = self._view.frames(arrived)
         services = sorted(self._robot.alive())
         frames.append(_stack_frame(services, self._how_to_start))
-        has_gone, self._was_there = self._was_there and not services, bool(services)
-        if has_gone:
-            # Another stack may come, of another world.
-            self._history = History()
-            self._view, self._newest, self._camera = View(self._history), {}, None
-        if has_gone or self._view.restarted:
+        if self._view.restarted:
             # What was latched has come again, or comes soon.
             self._newest = {kind: one for kind, one in self._newest.items() if kind in _LASTING}
             self._camera = None

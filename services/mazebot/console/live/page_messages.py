@@ -31,11 +31,19 @@ class Place(doc.Document):
         return doc.Planar(x_m=self.x_m, y_m=self.y_m, yaw_rad=self.yaw_rad)
 
 
+class Destination(doc.Document):
+    """Where to drive."""
+
+    x_m: Coordinate
+    y_m: Coordinate
+    yaw_rad: Angle | None = Field(None, description="null: as the robot arrives")
+
+
 class Goal(doc.Document):
     """Drive to a pose."""
 
     do: Literal["goal"]
-    pose: Place
+    pose: Destination
 
 
 class InitialPose(doc.Document):
@@ -49,7 +57,7 @@ class Waypoints(doc.Document):
     """Drive to poses one after the other."""
 
     do: Literal["waypoints"]
-    poses: Annotated[tuple[Place, ...], Field(min_length=1, max_length=MAX_WAYPOINTS)]
+    poses: Annotated[tuple[Destination, ...], Field(min_length=1, max_length=MAX_WAYPOINTS)]
     stops: bool = Field(True, description="stop at each, or drive through to the last one")
 
 

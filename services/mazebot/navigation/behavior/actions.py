@@ -187,8 +187,9 @@ class TaskFeedback:
     """Time since the task began, without pauses."""
     current_pose: SE2 | None = None
     """None while the robot is lost."""
-    distance_remaining_m: float = 0.0
-    estimated_time_remaining_s: float = 0.0
+    distance_remaining_m: float | None = None
+    """None before there is a path."""
+    estimated_time_remaining_s: float | None = None
     number_of_recoveries: int = 0
     position_tracking_error_m: float = 0.0
     heading_tracking_error_rad: float = 0.0

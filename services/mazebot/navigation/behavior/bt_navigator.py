@@ -232,7 +232,8 @@ class BtNavigator:
             return None
         self.hold = self._holds(running)
         if self.hold:
-            held_ns = max(now_ns - last_ns, 0) if last_ns is not None else 0
+            # It is not held before it began.
+            held_ns = max(now_ns - max(last_ns, running.start_ns), 0) if last_ns is not None else 0
             running.held_ns += held_ns
             running.behind_ns += held_ns
             self._context.drive(STOP)

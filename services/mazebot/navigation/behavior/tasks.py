@@ -180,7 +180,8 @@ class TreeTask:
             pose: SE2 | None = self._context.pose()
         except NavigationError:
             pose = None
-        remaining_m, tracking = 0.0, run.tracking
+        remaining_m: float | None = None
+        tracking = run.tracking
         path = board.get(PATH)
         if tracking is not None:
             remaining_m = tracking.distance_remaining_m
@@ -193,7 +194,7 @@ class TreeTask:
             running_s,
             pose,
             remaining_m,
-            remaining_m / max(self._speed_m_s, 0.05),
+            None if remaining_m is None else remaining_m / max(self._speed_m_s, 0.05),
             run.number_of_recoveries,
             tracking.position_tracking_error_m if tracking else 0.0,
             tracking.heading_tracking_error_rad if tracking else 0.0,

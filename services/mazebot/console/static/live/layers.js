@@ -443,22 +443,24 @@ export function arrow(pen, [x, y, yaw], color, label = "") {
   const length = Math.max(26, 0.35 * pen.scale);
   context.save();
   context.translate(px, py);
-  context.rotate(-yaw);
+  context.rotate(-(yaw ?? 0));
   context.strokeStyle = color;
   context.fillStyle = color;
   context.lineWidth = 3;
   context.beginPath();
   context.arc(0, 0, 6, 0, 2 * Math.PI);
   context.stroke();
-  context.beginPath();
-  context.moveTo(6, 0);
-  context.lineTo(length - 9, 0);
-  context.stroke();
-  context.beginPath();
-  context.moveTo(length, 0);
-  context.lineTo(length - 11, 6);
-  context.lineTo(length - 11, -6);
-  context.fill();
+  if (yaw !== null) {
+    context.beginPath();
+    context.moveTo(6, 0);
+    context.lineTo(length - 9, 0);
+    context.stroke();
+    context.beginPath();
+    context.moveTo(length, 0);
+    context.lineTo(length - 11, 6);
+    context.lineTo(length - 11, -6);
+    context.fill();
+  }
   context.restore();
   if (label) {
     context.fillStyle = color;

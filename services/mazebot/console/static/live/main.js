@@ -15,7 +15,6 @@ import { Teleop } from "./teleop.js";
 
 const REMOVE_PX = 40;
 /** A goal so near to the robot is where it stands. */
-const SAME_PLACE_M = 0.2;
 const STEPS_0_1_S = 24;
 const HINTS = {
   move: "",
@@ -58,6 +57,9 @@ function take(kind, content, data) {
     showStack(content);
   } else if (kind === "error") {
     showMessage(content.error, true);
+  }
+  if (kind === "world" && scene.world && scene.world.hash !== content.hash) {
+    forgetPlaces();
   }
   if (scene.take(kind, content, data)) {
     plan.redraw();
@@ -105,19 +107,15 @@ function asPose([x, y, yaw]) {
   return { x_m: x, y_m: y, yaw_rad: yaw };
 }
 
-/** Without a drag the robot arrives as it comes from one place or, where it is there, stands. */
-function headingFrom(from, pose, dragged) {
-  if (dragged || !from) {
-    return pose;
-  }
-  const [dx, dy] = [pose[0] - from[0], pose[1] - from[1]];
-  return [pose[0], pose[1], Math.hypot(dx, dy) < SAME_PLACE_M ? from[2] : Math.atan2(dy, dx)];
+/** Without a drag the heading is left to the services: as the robot arrives on its way there. */
+function withHeading([x, y, yaw], dragged) {
+  return [x, y, dragged ? yaw : null];
 }
 
 function pick(pose, dragged) {
   switch (tool) {
     case "goal":
-      ask({ do: "goal", pose: asPose(headingFrom(scene.robot(), pose, dragged)) });
+      ask({ do: "goal", pose: asPose(withHeading(pose, dragged)) });
       choose("move");
       break;
     case "initial_pose":
@@ -125,7 +123,7 @@ function pick(pose, dragged) {
       choose("move");
       break;
     case "waypoints":
-      plan.waypoints.push(headingFrom(plan.waypoints.at(-1) ?? scene.robot(), pose, dragged));
+      plan.waypoints.push(withHeading(pose, dragged));
       showWaypoints();
       break;
     case "drop_box":
@@ -251,6 +249,18 @@ function showAim([x, y, yaw], hasHeading) {
   const degrees = hasHeading ? `, ${degreesOf(yaw)}` : "";
   showPlace([x, y]);
   $("hint").textContent = `(${x.toFixed(2)}, ${y.toFixed(2)}) m${degrees}: Enter sets it`;
+}
+
+/** What was clicked in one world means nothing in another. */
+function forgetPlaces() {
+  const dropped = plan.waypoints.length;
+  plan.waypoints = [];
+  plan.measured = [];
+  plan.route = [];
+  showWaypoints();
+  if (dropped) {
+    showMessage(`another world: ${dropped} waypoint${dropped === 1 ? "" : "s"} dropped`);
+  }
 }
 
 function showWaypoints() {

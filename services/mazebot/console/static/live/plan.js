@@ -199,7 +199,8 @@ export class Plan {
       boxOutline(pen, this.#aim?.pose ?? [...this.hover, 0], this.outline, COLORS.estimate);
     }
     if (this.#aim) {
-      arrow(pen, this.#aim.pose, COLORS.estimate);
+      const [x, y, yaw] = this.#aim.pose;
+      arrow(pen, [x, y, this.#aim.dragged ? yaw : null], COLORS.estimate);
     }
     if (this.measured.length) {
       measured(pen, this.measured[0], this.measured[1] ?? this.#aim?.pose.slice(0, 2) ?? this.hover);
