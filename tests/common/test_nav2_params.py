@@ -676,6 +676,29 @@ def test_masks_and_the_velocity_smoother_are_those_of_navigation() -> None:
     assert {row.status for row in told.rows} <= {"used", "mapped"}
 
 
+@pytest.mark.parametrize(
+    ("stated", "expected", "notes"),
+    [
+        ({"type": 1}, (1, 0.0, 1.0), ("base is left out: 0.0 as in Nav2", "multiplier")),
+        ({"type": 2, "multiplier": 0.01}, (2, 0.0, 0.01), ("base is left out: 0.0",)),
+        ({"type": 1, "base": 100.0, "multiplier": -1.0}, (1, 100.0, -1.0), ()),
+        ({"base": 20.0}, (1, 20.0, 1.0), ("type is left out: 0 as in Nav2, which must be 1 or 2",)),
+        # Where a file says nothing of it, ours count.
+        ({}, (1, 100.0, -1.0), ()),
+    ],
+)
+def test_what_a_speed_mask_means_is_as_in_nav2(
+    stated: dict[str, float], expected: tuple[int, float, float], notes: tuple[str, ...]
+) -> None:
+    nodes = {"speed_costmap_filter_info_server": stated} if stated else {"amcl": {"alpha1": 0.1}}
+    told = report(load(**nodes), {"navigation": NavigationConfig})
+    info = NavigationConfig(**told.settings.get("navigation", {})).speed_costmap_filter_info_server
+    assert (info.type, info.base, info.multiplier) == expected
+    said = "; ".join(row.note for row in told.rows)
+    assert all(note in said for note in notes)
+    assert ("left out" in said) == bool(notes)
+
+
 SHIM = """
 controller_server:
   ros__parameters:

@@ -104,10 +104,18 @@ class Namespace:
     groups: tuple[Group, ...] = ()
     note: str = ""
     """Why its parameters are not supported, where none of their settings exists."""
+    as_nav2: bool = False
+    """Whether what a file with some of its parameters leaves out has Nav2's default, not ours: all
+    together have a meaning, which another default would change."""
 
 
 def namespace(
-    place: str, rows: str, groups: Sequence[Group] = (), note: str = "", whole: bool = False
+    place: str,
+    rows: str,
+    groups: Sequence[Group] = (),
+    note: str = "",
+    whole: bool = False,
+    as_nav2: bool = False,
 ) -> Namespace:
     """A namespace from rows of text: `name kind default valid [=target[:conversion]]
     [!fixed|...] [# note]`, one a line, or `- name ... [# note]` for parameters of Nav2 that change
@@ -119,7 +127,7 @@ def namespace(
     """
     found = [row for line in rows.splitlines() if line.strip() for row in _rows(line.strip())]
     found = [dataclasses.replace(row, whole=whole) for row in found]
-    return Namespace(place, {row.name: row for row in found}, tuple(groups), note)
+    return Namespace(place, {row.name: row for row in found}, tuple(groups), note, as_nav2)
 
 
 def joined(first: Namespace, second: Namespace) -> Namespace:

@@ -11,6 +11,7 @@ from mazebot.common.config import ConfigError, put_value, value_of
 from mazebot.common.nav2_params.entry import Entry, joined_notes
 from mazebot.common.nav2_params.loader import Nav2Params
 from mazebot.common.nav2_params.parameter import OWN_NAME, Group, Value
+from mazebot.common.nav2_params.tables.nodes import NODES
 from mazebot.common.nav2_params.targets import CONVERSIONS, Models, problems_of, setting, valid_for
 
 Status = Literal["used", "mapped", "unsupported", "unknown"]
@@ -69,6 +70,7 @@ def report(params: Nav2Params, models: Models) -> Report:
     rows = [done[at] for at in range(len(entries))]
     for entry in entries:
         _put_in_order(entry, models, settings)
+    rows = _filled_in(params, rows, models, settings)
     _check_wholes(params, rows, models, settings)
     taken = [
         f"{entry.node}.{entry.name}"
@@ -80,6 +82,38 @@ def report(params: Nav2Params, models: Models) -> Report:
         for entry, row in zip(params.entries, rows, strict=True)
     ]
     return Report(params.name, tuple(structure), settings)
+
+
+def _filled_in(
+    params: Nav2Params,
+    rows: Sequence[Row],
+    models: Models,
+    settings: dict[str, dict[str, Value]],
+) -> list[Row]:
+    """The rows, of which the first of a node says which of its parameters the file leaves out and
+    have Nav2's defaults.
+    """
+    told = list(rows)
+    stated: dict[str, set[str]] = {}
+    first: dict[str, int] = {}
+    for at, entry in enumerate(params.entries):
+        stated.setdefault(entry.node, set()).add(entry.name)
+        first.setdefault(entry.node, at)
+    for node, names in stated.items():
+        space = NODES.get(node)
+        for parameter in space.parameters.values() if space and space.as_nav2 else ():
+            found = setting(space.place, parameter.target, "", models) if space else None
+            if parameter.name in names or found is None:
+                continue
+            path, field = found
+            problem = valid_for(field, parameter.default)
+            if not problem:
+                put_value(settings, path, parameter.default)
+            note = f"{parameter.name} is left out: {parameter.default} as in Nav2"
+            note += f", which {problem}" if problem else ""
+            row = told[first[node]]
+            told[first[node]] = dataclasses.replace(row, note=joined_notes(row.note, note))
+    return told
 
 
 def _check_wholes(

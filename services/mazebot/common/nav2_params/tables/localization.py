@@ -105,6 +105,7 @@ type int 0 {{0,1,2,3}}
 base double 0.0 *
 multiplier double 1.0 *
 """,
+    as_nav2=True,
 )
 FILTER_INFO = namespace(
     "costmap_filter_info_server",
