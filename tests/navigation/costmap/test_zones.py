@@ -102,6 +102,37 @@ def test_masks_and_zones_of_the_world_add_up() -> None:
         )  # fmt: skip
 
 
+@pytest.mark.parametrize(
+    ("info", "limit_m_s"),
+    [
+        (FilterInfo(SPEED_PERCENT, 0.0, 1.0), 0.12),
+        (FilterInfo(SPEED_PERCENT, 20.0, 0.5), 0.14),
+        (FilterInfo(SPEED_M_S, 0.05, 0.003), 0.14),
+    ],
+)
+def test_there_is_no_limit_where_a_mask_is_0_and_beyond_it(
+    info: FilterInfo, limit_m_s: float
+) -> None:
+    """As in nav2_costmap_2d, whatever the base."""
+    grid = GridFrame(1.0, -1.0, -1.0, 1, 2)
+    slow = FilterMask(grid, np.array([[30, 0]], np.int8), info)
+    zones = zones_of(FRAME, 0.4, speed_masks=(NamedMask("slow.yaml", slow),))
+    assert zones is not None
+    places = np.array([(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5)])
+    assert zones.limits_at(places) == pytest.approx([limit_m_s, math.inf, math.inf])
+
+
+def test_a_thin_line_of_a_finer_speed_mask_is_not_lost() -> None:
+    values = np.zeros((200, 100), np.int8)
+    values[:, 50], values[:, 51] = 20, 60
+    fine = FilterMask(GridFrame(0.01, 0.0, -1.0, 200, 100), values, FilterInfo(SPEED_PERCENT))
+    zones = zones_of(FRAME, 0.5, speed_masks=(NamedMask("slow.yaml", fine),))
+    assert zones is not None
+    # The lowest of the limits within a cell.
+    places = np.array([(0.45, 0.0), (0.55, 0.0), (0.65, 0.0)])
+    assert zones.limits_at(places) == pytest.approx([math.inf, 0.1, math.inf])
+
+
 def test_only_the_zone_around_the_robot_opens_for_it() -> None:
     zones = keepout(
         KeepoutZone(name="a", polygon_m=SQUARE), KeepoutZone(name="b", polygon_m=moved(1.0))

@@ -18,11 +18,11 @@ from mazebot.common.world.polygon_cells import polygon_cells
 from mazebot.navigation.costmap.costmap import Costs, GridFrame
 from mazebot.navigation.costmap.filters import (
     KEEPOUT,
-    SPEED_PERCENT,
     FilterInfo,
     FilterMask,
     keepout_costs,
-    on_grid,
+    keepout_values,
+    speed_limits,
 )
 
 LETHAL_OVERRIDE_COST: Final = 252
@@ -86,6 +86,19 @@ class Zones:
             return None
         return next((name for name, where in self.names if where[cell]), None)
 
+    def keepout_near(self, x_m: float, y_m: float, reach_m: float) -> str | None:
+        """The name of the keepout zone nearest to a place, within a reach; None: there is none."""
+        nearest: tuple[float, str] | None = None
+        column, row = self.frame.place(x_m, y_m)
+        for name, where in self.names:
+            rows, columns = np.nonzero(where)
+            if len(rows):
+                cells = np.sqrt(((rows + 0.5 - row) ** 2 + (columns + 0.5 - column) ** 2).min())
+                off_m = float(cells) * self.frame.resolution_m
+                if off_m <= reach_m and (nearest is None or off_m < nearest[0]):
+                    nearest = off_m, name
+        return None if nearest is None else nearest[1]
+
     def limits_at(self, points_m: Array) -> Limits:
         """(n,) highest speed at (n, 2) places, m/s; infinite where there is no limit."""
         if not self.limits_m_s.size:
@@ -146,7 +159,7 @@ def zones_of(
         names.append((f"keepout zone {zone.name}", cells_of(zone.polygon_m, frame)))
         keepout[names[-1][1]] = _KEPT_OUT
     for named in keepout_masks:
-        values = on_grid(named.mask, frame)
+        values = keepout_values(named.mask, frame)
         names.append((f"the keepout zone of {named.name}", values >= _KEPT_OUT))
         keepout = np.maximum(keepout, values)
     for slow in speed_zones:
@@ -154,7 +167,7 @@ def zones_of(
         where = cells_of(slow.polygon_m, frame)
         limits[where] = np.minimum(limits[where], limit_m_s)
     for named in speed_masks:
-        limits = np.minimum(limits, _limits_of(named.mask, frame, max_speed_m_s))
+        limits = np.minimum(limits, speed_limits(named.mask, frame, max_speed_m_s))
     if not keepout.size and not limits.size:
         return None
     return Zones(frame, keepout, tuple(names), limits)
@@ -163,17 +176,3 @@ def zones_of(
 def cells_of(polygon_m: Sequence[Point2], frame: GridFrame) -> Mask:
     """(rows, columns) cells that a polygon covers or cuts: one thinner than a cell is not lost."""
     return polygon_cells([frame.place(*corner) for corner in polygon_m], frame.rows, frame.columns)
-
-
-def _limits_of(mask: FilterMask, frame: GridFrame, max_speed_m_s: float) -> Limits:
-    """(rows, columns) m/s, by the rules of `filters.speed_limit`."""
-    mask.info.check()
-    if mask.info.type == KEEPOUT:
-        raise ValueError("type 0: must be 1 (percent) or 2 (m/s) for a speed mask")
-    values = on_grid(mask, frame).astype(np.float64)
-    limits = mask.info.base + mask.info.multiplier * values
-    none = (values < 0.0) | (limits <= 0.0)
-    if mask.info.type == SPEED_PERCENT:
-        none |= limits >= 100.0
-        limits *= max_speed_m_s / 100.0
-    return np.where(none, math.inf, limits)
