@@ -93,6 +93,7 @@ def test_a_keepout_mask_is_kept_out_of(tmp_path: Path) -> None:
     shut = mask(tmp_path, "shut", (0.2, 0.6), 100)
     said = json.loads(mazebot(*ways, "--goal", "1,-1", "--keepout", shut).stdout)
     assert said["error_code"] == 208
+    assert "the keepout zone of shut.yaml" in said["error_msg"]
     # The goal's own zone is named, with the nearest pose outside; that of the start is left.
     said = json.loads(mazebot(*ways, "--goal", "0.4,-1", "--keepout", shut).stdout)
     assert said["error_code"] == 206

@@ -107,7 +107,7 @@ def plan(
     try:
         if zones is not None and zones.keepout.size:
             costmap = _with_zones(costmap, zones, params, start_pose, goal_pose)
-        path, taken_s = _timed(chosen, costmap, start_pose, goal_pose, tolerance)
+        path, taken_s = _timed(chosen, costmap, zones, start_pose, goal_pose, tolerance)
     except NavigationError as error:
         if draw is not None:
             _draw(draw, costmap, start_pose, goal_pose, None, error)
@@ -118,14 +118,19 @@ def plan(
 
 
 def _timed(
-    planner: GlobalPlanner, costmap: Costmap, start: SE2, goal: SE2, tolerance_m: float
+    planner: GlobalPlanner,
+    costmap: Costmap,
+    zones: Zones | None,
+    start: SE2,
+    goal: SE2,
+    tolerance_m: float,
 ) -> tuple[PlannedPath, float]:
     """A path, and the wall time to plan it, s. Raises NavigationError."""
     from mazebot.navigation.planning.planner import Planner  # noqa: PLC0415
 
     if isinstance(planner, Planner):
         # The first time its kernels are loaded.
-        planner.plan(costmap, start, goal, tolerance_m)
+        planner.plan(costmap, start, goal, tolerance_m, zones=zones)
     start_s = time.perf_counter()
     path = planner.plan(costmap, start, goal, tolerance_m)
     return path, time.perf_counter() - start_s

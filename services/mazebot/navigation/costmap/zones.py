@@ -93,8 +93,8 @@ class Zones:
         for name, where in self.names:
             rows, columns = np.nonzero(where)
             if len(rows):
-                cells = np.sqrt(((rows + 0.5 - row) ** 2 + (columns + 0.5 - column) ** 2).min())
-                off_m = float(cells) * self.frame.resolution_m
+                up, across = rows + 0.5 - row, columns + 0.5 - column
+                off_m = math.sqrt((up * up + across * across).min()) * self.frame.resolution_m
                 if off_m <= reach_m and (nearest is None or off_m < nearest[0]):
                     nearest = off_m, name
         return None if nearest is None else nearest[1]

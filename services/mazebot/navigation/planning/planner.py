@@ -9,6 +9,7 @@ import numpy as np
 from mazebot.common.maths.frames import SE2, Array
 from mazebot.common.messages.error_codes import ErrorCode
 from mazebot.navigation.costmap.layered_costmap import Costmap
+from mazebot.navigation.costmap.zones import Zones
 from mazebot.navigation.errors import NavigationError
 from mazebot.navigation.planning.ends import (
     check_inside,
@@ -84,6 +85,7 @@ class Planner:
         goal: SE2,
         tolerance_m: float = 0.0,
         static: Costmap | None = None,
+        zones: Zones | None = None,
     ) -> PlannedPath:
         """Path from `start` to `goal`, on which the robot touches no obstacle.
 
@@ -95,6 +97,7 @@ class Planner:
                 it that can be reached takes its place.
             static: the costmap of the map alone: where there is no way, the error names what stands
                 in it instead of its thinnest wall.
+            zones: the costmap's, for their names: where one is in the way, the error tells which.
 
         Raises NavigationError with START_OUTSIDE_MAP, START_OCCUPIED, GOAL_OUTSIDE_MAP,
         GOAL_OCCUPIED (with `nearest_free`), NO_VALID_PATH (with `place_m`) or PLANNER_TIMEOUT.
@@ -106,7 +109,7 @@ class Planner:
         grid = search_grid(costmap, passing_m, params.allow_unknown)
         self._kept.fit(grid.cells.size)
         task = self._task(grid, costmap, start, goal, tolerance_m)
-        task = self._joined(task, tolerance_m, static)
+        task = self._joined(task, tolerance_m, static, zones)
         if not grid.is_free(task.goal_cell):
             return self._narrow(
                 task, f"does not fit through on the way to ({goal.x_m:.2f}, {goal.y_m:.2f})"
@@ -174,11 +177,13 @@ class Planner:
             footprint.circles, *grid.at(*task.goal[:2]), task.goal.yaw_rad,
         )  # fmt: skip
 
-    def _joined(self, task: _Task, tolerance_m: float, static: Costmap | None) -> _Task:
+    def _joined(
+        self, task: _Task, tolerance_m: float, static: Costmap | None, zones: Zones | None
+    ) -> _Task:
         """The task with ends in one region of free cells."""
         if not task.grid.is_free(task.goal_cell) or self._in_one_region(task, task.start_cell):
             return task
-        return self._rejoined(task, tolerance_m, static)
+        return self._rejoined(task, tolerance_m, static, zones)
 
     def _in_one_region(self, task: _Task, cell: Cell) -> bool:
         """Whether free cells join a cell and the goal."""
@@ -187,7 +192,9 @@ class Planner:
         region = regions.at(task.index(cell))
         return region >= 0 and region == regions.at(task.index(task.goal_cell))
 
-    def _rejoined(self, task: _Task, tolerance_m: float, static: Costmap | None) -> _Task:
+    def _rejoined(
+        self, task: _Task, tolerance_m: float, static: Costmap | None, zones: Zones | None
+    ) -> _Task:
         """The task with another start or goal, as far as tolerances allow it; else raises."""
         grid, kept = task.grid, self._kept
         goal = task.index(task.goal_cell)
@@ -217,15 +224,17 @@ class Planner:
         fixed = None
         if static is not None and static.frame == task.costmap.frame:
             fixed = search_grid(static, 0.0, self._params.allow_unknown)
-        raise no_way(grid, task.costmap, fixed, self._query(task), kept)
+        raise no_way(grid, task.costmap, fixed, self._query(task, zones), kept)
 
-    def _query(self, task: _Task) -> Query:
+    def _query(self, task: _Task, zones: Zones | None) -> Query:
         footprint = self._params.footprint
         needs = f"radius {task.costmap.robot_radius_m:.2f} m"
         if footprint is not None:
             needs = f"width {2.0 * footprint.half_width_m:.2f} m"
         passing_m = footprint.half_width_m if footprint else task.costmap.robot_radius_m
-        return Query(task.start, task.goal, task.start_cell, task.goal_cell, needs, passing_m)
+        return Query(
+            task.start, task.goal, task.start_cell, task.goal_cell, needs, passing_m, zones
+        )  # fmt: skip
 
     def _searched(self, task: _Task) -> Array:
         """(n, 2) points of the path in cells."""

@@ -196,7 +196,7 @@ class PlannerServer:
         try:
             if isinstance(planner, Planner) and not static_only:
                 # With the map alone too, it names the obstacle that is in the way.
-                return planner.plan(costmap, start, goal, tolerance_m, static=static)
+                return planner.plan(costmap, start, goal, tolerance_m, static, self.zones)
             return planner.plan(costmap, start, goal, tolerance_m)
         except NavigationError as error:
             zone = self.zones.keepout_at(*goal[:2]) if self.zones is not None else None

@@ -9,6 +9,7 @@ import numpy as np
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages.error_codes import ErrorCode
 from mazebot.navigation.costmap.layered_costmap import NO_INFORMATION, Costmap
+from mazebot.navigation.costmap.zones import Zones
 from mazebot.navigation.errors import NavigationError
 from mazebot.navigation.planning.grid.a_star import Workspace
 from mazebot.navigation.planning.grid.regions import OF_GOAL, OF_START, thinnest_place
@@ -31,6 +32,8 @@ class Query:
     """The robot's size, as text."""
     passing_m: float
     """Half of the width of a way that it needs."""
+    zones: Zones | None
+    """Those of the costmap; None: not known, or none."""
 
 
 def no_way(
@@ -79,7 +82,7 @@ def no_way(
             ErrorCode.NO_VALID_PATH, too_narrow(text, *narrow, 2.0 * asked.passing_m),
             narrow.place_m,
         )  # fmt: skip
-    what = _what_blocks(grid, costmap, cell)
+    what = _what_blocks(grid, costmap, cell, asked)
     return NavigationError(
         ErrorCode.NO_VALID_PATH,
         f"{text}: blocked at ({place_m[0]:.2f}, {place_m[1]:.2f}), {what}",
@@ -95,8 +98,13 @@ def too_narrow(text: str, place_m: tuple[float, float], width_m: float, needs_m:
     )
 
 
-def _what_blocks(grid: SearchGrid, costmap: Costmap, cell: Cell) -> str:
+def _what_blocks(grid: SearchGrid, costmap: Costmap, cell: Cell, asked: Query) -> str:
     row, column = cell[0] - 1, cell[1] - 1
+    if costmap.clearance_m[row, column] > asked.passing_m and asked.zones is not None:
+        # A zone closes the cells beside it too, for the robot's side.
+        zone = asked.zones.keepout_near(*grid.center(cell), asked.passing_m)
+        if zone is not None:
+            return zone
     if grid.cells[cell] == NARROW:
         return f"{costmap.clearance_m[row, column]:.2f} m from an obstacle"
     if costmap.costs[row, column] == NO_INFORMATION:
