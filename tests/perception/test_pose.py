@@ -125,18 +125,58 @@ def test_corners_that_fit_badly_have_a_larger_covariance() -> None:
     assert bad.covariance[2, 2] > 4.0 * good.covariance[2, 2]
 
 
-def test_a_lens_distortion_is_taken_into_account() -> None:
-    pose = camera_from_marker(1.2, math.radians(30), 0.0, 0.35)
-    lens = Camera(CAMERA, np.array([-0.25, 0.08, 0.001, -0.001, 0.0]))
+def seen_by(lens: Camera, pose: Array) -> Array:
     half_m = MARKER_SIDE_M / 2
     square = np.array([(-1, 1, 0), (1, 1, 0), (1, -1, 0), (-1, -1, 0)]) * half_m
     turn, _ = cv2.Rodrigues(pose[:3, :3])
     pixels = cv2.projectPoints(square, turn, pose[:3, 3], lens.matrix, lens.distortion)[0]
-    corners = np.asarray(pixels, np.float64)[:, 0]
+    return np.asarray(pixels, np.float64)[:, 0]
+
+
+def lens_of(focal_px: float, *distortion: float) -> Camera:
+    matrix = np.array([(focal_px, 0.0, 320.0), (0.0, focal_px, 240.0), (0.0, 0.0, 1.0)])
+    return Camera(matrix, np.array(distortion))
+
+
+WIDE = lens_of(380.0, -0.32, 0.11, 0.0005, -0.0003, -0.017)
+WIDER = lens_of(330.0, -0.30, 0.075, 0.0, 0.0, -0.0075)
+
+
+def test_a_lens_distortion_is_taken_into_account() -> None:
+    pose = camera_from_marker(1.2, math.radians(30), 0.0, 0.35)
+    lens = Camera(CAMERA, np.array([-0.25, 0.08, 0.001, -0.001, 0.0]))
+    corners = seen_by(lens, pose)
     best = solve(corners, MARKER_SIDE_M, lens, SIGMA_PX, MIN_SCORE)[0]
     assert np.abs(error(best, pose)).max() < 1e-3
     wrong = solutions(corners)[0]
     assert np.abs(error(wrong, pose)).max() > 1e-2
+
+
+@pytest.mark.parametrize("lens", [WIDE, WIDER], ids=["wide", "wider"])
+@pytest.mark.parametrize(("distance_m", "bearing_rad"), [(0.5, 0.5), (1.0, 0.62), (1.2, -0.6)])
+def test_at_the_edge_of_a_wide_lens_errors_are_as_large_as_the_covariance_says(
+    lens: Camera, distance_m: float, bearing_rad: float
+) -> None:
+    pose = camera_from_marker(distance_m, math.radians(35), 0.1, bearing_rad)
+    corners = seen_by(lens, pose)
+    best = solve(corners, MARKER_SIDE_M, lens, SIGMA_PX, MIN_SCORE)[0]
+    assert np.abs(error(best, pose)).max() < 1e-4
+    rng = np.random.default_rng(11)
+    normalised = []
+    for _ in range(100):
+        noisy = corners + rng.normal(0.0, SIGMA_PX, (4, 2))
+        found = solve(noisy, MARKER_SIDE_M, lens, SIGMA_PX, MIN_SCORE)[0]
+        off = error(found, pose)
+        normalised.append(float(off @ np.linalg.solve(found.covariance, off)))
+    assert 4.0 < np.mean(normalised) < 7.0
+    assert np.percentile(normalised, 95) < 16.0
+
+
+def test_corners_that_a_lens_cannot_show_have_no_pose() -> None:
+    """Its distortion turns back within the picture: no place ahead is seen in the corner."""
+    lens = lens_of(330.0, -0.35, 0.0, 0.0, 0.0, 0.0)
+    corners = np.array([(610.0, 440.0), (635.0, 440.0), (635.0, 465.0), (610.0, 465.0)])
+    assert solve(corners, MARKER_SIDE_M, lens, SIGMA_PX, MIN_SCORE) == []
 
 
 @pytest.mark.parametrize(

@@ -23,6 +23,10 @@ _MIN_DEPTH_M = 1e-3
 _MAX_STEPS = 30
 _SMALL_GAIN_PX2 = 1e-10
 _DIAGONAL = np.diag_indices(6)
+_UNDISTORTING = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 200, 1e-10)
+"""By default OpenCV does five steps, which are too few at the edge of a wide lens."""
+_NOT_UNDISTORTED_PX = 0.01
+_NOWHERE = np.zeros(3)
 
 
 @dataclass(frozen=True)
@@ -82,22 +86,23 @@ def solve(
         min_score: least score, 0 to 0.5, at which the second solution is kept.
 
     Returns:
-        Solutions in front of the camera and seen from their face; empty if there is none.
+        Solutions in front of the camera and seen from their face; empty if there is none, also
+        where the lens distortion has no inverse at a corner.
     """
     if not np.isfinite(corners).all():
         return []
     square = side_m * _UNIT_SQUARE
-    pixels = np.asarray(
-        cv2.undistortPoints(corners[:, None], camera.matrix, camera.distortion, P=camera.matrix),
-        np.float64,
-    )[:, 0]
-    start = _pose_from_homography(square, pixels, camera.matrix)
+    undistorted = _undistorted(corners, camera)
+    if undistorted is None:
+        return []
+    seen = _Seen(square, *undistorted, camera.matrix)
+    start = _pose_from_homography(square, seen.pixels, camera.matrix)
     if start is None:
         return []
-    first = _refined(square, pixels, camera.matrix, start)
+    first = _refined(seen, start)
     fits = [first]
     if first.faces_camera:
-        second = _refined(square, pixels, camera.matrix, _depths_reversed(first.camera_from_marker))
+        second = _refined(seen, _depths_reversed(first.camera_from_marker))
         if not _same(first, second):
             fits.append(second)
     fits = sorted((f for f in fits if f.faces_camera), key=lambda f: f.squared_error_px2)
@@ -122,11 +127,51 @@ def solve(
     ]
 
 
+def _undistorted(corners: Corners, camera: Camera) -> tuple[Array, Array | None] | None:
+    """(4, 2) corners in pixels of the camera without distortion, and (4, 2, 2) how far one in the
+    picture moves with each of them, None where there is no distortion; None where a corner has no
+    inverse.
+    """
+    points, matrix, distortion = corners[:, None], camera.matrix, camera.distortion
+    if not distortion.any():
+        plain = cv2.undistortPoints(points, matrix, distortion, P=matrix)
+        return np.asarray(plain, np.float64)[:, 0], None
+    rays = np.asarray(
+        cv2.undistortPoints(points, matrix, distortion, criteria=_UNDISTORTING), np.float64
+    )[:, 0]
+    if not np.isfinite(rays).all():
+        return None
+    ahead = np.column_stack([rays, np.ones(4)])
+    again, derivative = cv2.projectPoints(ahead, _NOWHERE, _NOWHERE, matrix, distortion)
+    focal_px = np.diag(matrix)[:2]
+    # By a shift of a point that is at a depth of 1.
+    by_pixel = np.asarray(derivative, np.float64)[:, 3:5].reshape(4, 2, 2) / focal_px
+    turned = by_pixel[:, 0, 0] * by_pixel[:, 1, 1] - by_pixel[:, 0, 1] * by_pixel[:, 1, 0] <= 0.0
+    if turned.any() or not np.abs(again[:, 0] - corners).max() < _NOT_UNDISTORTED_PX:
+        return None
+    return rays * focal_px + matrix[:2, 2], by_pixel
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """A square, and its corners as a camera without distortion would see them.
+
+    `square` is (4, 3) in metres, `pixels` (4, 2), `by_pixel` (4, 2, 2) how far a corner in the
+    picture moves with each of them; None: as far.
+    """
+
+    square: Array
+    pixels: Array
+    by_pixel: Array | None
+    matrix: Array
+
+
 @dataclass(frozen=True)
 class _Fit:
     """A pose compared with the corners.
 
-    `errors_px` is (8,), and `jacobian` (8, 6) its derivative by (x, y, z, rx, ry, rz).
+    `errors_px` is (8,) in the picture, and `jacobian` (8, 6) its derivative by
+    (x, y, z, rx, ry, rz).
     """
 
     camera_from_marker: Array
@@ -148,17 +193,22 @@ class _Fit:
         )
 
 
-def _fit(square: Array, pixels: Array, matrix: Array, pose: Array) -> _Fit:
+def _fit(seen: _Seen, pose: Array) -> _Fit:
+    square, matrix = seen.square, seen.matrix
     # Rotated, but not translated: the lever arms by which a turn moves the corners.
     arms = portable.product(square, pose[:3, :3].T)
     points = arms + pose[:3, 3]
     depth_m = np.maximum(points[:, 2], _MIN_DEPTH_M)
     rays = points[:, :2] / depth_m[:, None]
-    errors_px = portable.product(rays, matrix[:2, :2].T) + matrix[:2, 2] - pixels
+    errors_px = portable.product(rays, matrix[:2, :2].T) + matrix[:2, 2] - seen.pixels
     by_point = np.zeros((4, 2, 3))
     by_point[:, 0, 0] = by_point[:, 1, 1] = 1.0
     by_point[:, :, 2] = -rays
     by_point = portable.product(matrix[:2, :2], by_point) / depth_m[:, None, None]
+    if seen.by_pixel is not None:
+        # The noise of a corner is that in the picture.
+        errors_px = portable.product(seen.by_pixel, errors_px[:, :, None])[:, :, 0]
+        by_point = portable.product(seen.by_pixel, by_point)
     x, y, z = arms.T
     # A small turn w moves a corner by w x arm.
     by_turn = np.zeros((4, 3, 3))
@@ -169,9 +219,9 @@ def _fit(square: Array, pixels: Array, matrix: Array, pose: Array) -> _Fit:
     return _Fit(pose, errors_px.reshape(8), jacobian)
 
 
-def _refined(square: Array, pixels: Array, matrix: Array, pose: Array) -> _Fit:
+def _refined(seen: _Seen, pose: Array) -> _Fit:
     """The local minimum of the reprojection error from a start pose, by Levenberg-Marquardt."""
-    fit = _fit(square, pixels, matrix, pose)
+    fit = _fit(seen, pose)
     damping = 1e-3
     for _ in range(_MAX_STEPS):
         information = portable.product(fit.jacobian.T, fit.jacobian)
@@ -183,7 +233,7 @@ def _refined(square: Array, pixels: Array, matrix: Array, pose: Array) -> _Fit:
         moved = fit.camera_from_marker.copy()
         moved[:3, :3] = portable.product(rotation_from_vector(*step[3:].tolist()), moved[:3, :3])
         moved[:3, 3] += step[:3]
-        there = _fit(square, pixels, matrix, moved)
+        there = _fit(seen, moved)
         gain_px2 = fit.squared_error_px2 - there.squared_error_px2
         if gain_px2 >= 0.0:
             fit, damping = there, damping / 10
