@@ -164,8 +164,11 @@ class Drive:
 
     def see_markers(
         self, stamp_ns: int, seen: msg.Detection3DArray, base_from_camera: Array, odom: SE2
-    ) -> None:
-        """Keep sightings of markers, by id; the likelier of two solutions."""
+    ) -> int:
+        """Keep the sightings of markers in a picture, by id; the likelier of two solutions.
+        Returns how many have the id of another one.
+        """
+        found: dict[str, list[MarkerPose]] = {}
         for detection in seen.detections:
             if not detection.results:
                 continue
@@ -176,7 +179,9 @@ class Drive:
             with suppress(ValueError):
                 # One that lies flat is no dock.
                 sighting = planar_marker(base_from_marker)
-                self.robot.markers[name] = MarkerPose(stamp_ns, sighting, odom)
+                found.setdefault(name, []).append(MarkerPose(stamp_ns, sighting, odom))
+        self.robot.markers.update({name: tuple(same) for name, same in found.items()})
+        return sum(len(same) - 1 for same in found.values())
 
     def take_scan(self, scan: Scan, measured: Measurements, epoch: int | None) -> None:
         """Update the costmaps and the moving obstacles by a scan, of which the measurements have

@@ -521,7 +521,7 @@ class NavigationNode(Node):
         )
 
     def _take_detections(self, inbox: Inbox) -> None:
-        """Keep the newest sighting of each marker, for docking."""
+        """Keep the newest sightings of each marker, for docking."""
         for seen in inbox.new(DETECTIONS):
             stamp_ns = msg.ns_from_time(seen.header.stamp)
             camera, drive = self._base_from_camera, self._drive
@@ -531,7 +531,8 @@ class NavigationNode(Node):
                 continue
             # Where the robot was when the picture was taken.
             odom_from_base = self._measured.odometry.at(stamp_ns) or self._measured.odom[1]
-            drive.see_markers(stamp_ns, seen, camera, odom_from_base)
+            for _ in range(drive.see_markers(stamp_ns, seen, camera, odom_from_base)):
+                inbox.reject(DETECTIONS, "marker id twice in a picture")
 
     def _take_photos(self, inbox: Inbox) -> None:
         """Count the picture that was requested at a waypoint."""

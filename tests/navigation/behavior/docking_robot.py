@@ -9,6 +9,7 @@ import numpy as np
 
 from mazebot.common.maths.frames import SE2, wrap_angle
 from mazebot.navigation.behavior.context import Dock, MarkerPose
+from mazebot.navigation.behavior.docking.dock_estimate import Expected
 from mazebot.navigation.behavior.docking.docking import (
     Docker,
     DockingParams,
@@ -52,6 +53,10 @@ class DockingRobot:
     half_view_rad: float = HALF_VIEW_RAD
     """As navigation knows it"""
     time_to_collision: TimeToCollision = never
+    double: SE2 | None = None
+    """Another marker with the same id, in the dock's marker's frame"""
+    pose_error: SE2 | None = None
+    """Of the robot's pose in the map, of 2 cm and 1 degree; None: nothing is expected of it"""
 
     def __post_init__(self) -> None:
         self.rng = np.random.default_rng(self.seed)
@@ -63,7 +68,7 @@ class DockingRobot:
         self.odom = SE2(*self.rng.uniform(-3.0, 3.0, 3).tolist())
         self.slip = 1.0 + 0.01 * self.rng.standard_normal(2)
         self.command = STOP
-        self.marker: MarkerPose | None = None
+        self.sightings: tuple[MarkerPose, ...] = ()
         self.now_ns = 0
         self.blind = False
         dock = Dock(
@@ -85,19 +90,33 @@ class DockingRobot:
         )
         self.now_ns += CONTROL_PERIOD_NS
         if self.now_ns % (self.camera_periods * CONTROL_PERIOD_NS) == 0 and not self.blind:
-            self.marker = self.see() or self.marker
+            self.sightings = self.see() or self.sightings
         step = self.docker.step(
-            self.now_ns, PERIOD_S, self.odom, self.marker, self.time_to_collision
-        )
+            self.now_ns, PERIOD_S, self.odom, self.sightings, self.time_to_collision,
+            self.expected(),
+        )  # fmt: skip
         self.command = step.velocity
         self.states.append(step)
         return step
 
-    def see(self) -> MarkerPose | None:
+    def expected(self) -> Expected | None:
+        if self.pose_error is None:
+            return None
+        told = self.robot.map_from_base @ self.pose_error
+        return Expected(self.odom @ told.inverse() @ MARKER, 0.02, 0.0175)
+
+    def see(self) -> tuple[MarkerPose, ...]:
+        """The sightings in a picture; of two the other one's is the last."""
+        seen = [self.sighting(self.map_from_marker)]
+        if self.double is not None:
+            seen.append(self.sighting(self.map_from_marker @ self.double))
+        return tuple(one for one in seen if one is not None)
+
+    def sighting(self, map_from_marker: SE2) -> MarkerPose | None:
         """A sighting: 0.8 % of the range in depth, 2 mrad in direction, 1 to 5 hundredths of a
         radian in yaw; 1 in 20 is missing, 1 in 50 has the ambiguous yaw.
         """
-        base_from_marker = self.robot.map_from_base.inverse() @ self.map_from_marker
+        base_from_marker = self.robot.map_from_base.inverse() @ map_from_marker
         ahead_m, aside_m = base_from_marker.x_m - CAMERA_AHEAD_M, base_from_marker.y_m
         range_m, bearing = math.hypot(ahead_m, aside_m), math.atan2(aside_m, ahead_m)
         from_marker = math.atan2(-base_from_marker.y_m, -base_from_marker.x_m)

@@ -163,8 +163,11 @@ class SimulatedRobot:
     def teleop(self) -> Velocity | None:
         return self.wanted
 
-    def marker(self, marker_id: str) -> MarkerPose | None:
-        return self.sighting
+    def sightings(self, marker_id: str) -> tuple[MarkerPose, ...]:
+        return () if self.sighting is None else (self.sighting,)
+
+    def pose_std(self) -> tuple[float, float]:
+        return 0.02, 0.01
 
     def dock(self, dock_id: str) -> Dock:
         self._see(0)

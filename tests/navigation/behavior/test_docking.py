@@ -227,6 +227,39 @@ def test_a_wrong_sighting_is_left_out_until_there_are_many() -> None:
     assert estimate.odom_from_marker == pytest.approx(SE2(0.6, 0.0, 2.5))
 
 
+@pytest.mark.parametrize("aside_m", [-0.35, -0.22, 0.22, 0.35])
+def test_of_two_markers_with_the_docks_id_the_one_at_its_place_is_docked_at(aside_m: float) -> None:
+    for seed in range(4):
+        robot = DockingRobot(
+            seed, double=SE2(0.0, aside_m, 0.0), pose_error=SE2(0.02, -0.02, 0.015)
+        )
+        error = robot.dock_it()
+        assert robot.states[-1].num_retries == 0
+        assert abs(error.y_m) < 0.02
+        assert math.hypot(error.x_m, error.y_m) < 0.03
+
+
+@pytest.mark.parametrize("aside_m", [-0.35, 0.25])
+def test_a_marker_that_is_not_at_the_docks_place_is_not_docked_at(aside_m: float) -> None:
+    robot = DockingRobot(3, pose_error=SE2(0.02, -0.02, 0.015))
+    robot.map_from_marker = robot.map_from_marker @ SE2(0.0, aside_m, 0.0)
+    seen = r"detected 0 times .* one with its id was seen at \(.*, expected at \(2.00, -1.00\)"
+    with pytest.raises(NavigationError, match=seen) as caught:
+        robot.dock_it()
+    assert caught.value.code is ErrorCode.FAILED_TO_DETECT_DOCK
+    assert "\n" not in caught.value.message
+
+
+@pytest.mark.parametrize("moved", [SE2(0.0, 0.08, 0.0), SE2(0.06, -0.05, 0.1)])
+def test_a_dock_that_was_moved_by_some_centimetres_is_docked_at(moved: SE2) -> None:
+    robot = DockingRobot(3, pose_error=SE2(0.02, -0.02, 0.015))
+    robot.map_from_marker = robot.map_from_marker @ moved
+    robot.dock = robot.map_from_marker @ SE2(robot.away_m, 0.0, math.pi)
+    error = robot.dock_it()
+    assert abs(error.y_m) < 0.02
+    assert math.hypot(error.x_m, error.y_m) < 0.03
+
+
 def test_something_in_the_way_stops_the_approach() -> None:
     robot = DockingRobot(7, time_to_collision=lambda v: 0.3 if v.linear_m_s > 0.0 else math.inf)
     with pytest.raises(NavigationError, match="obstacle in the way") as caught:

@@ -149,3 +149,24 @@ def test_docks_are_where_the_newest_camera_sees_the_marker() -> None:
         asked.append(drive.robot.dock("80").marker_from_dock.x_m)
     # The camera is 0.07 m ahead; the panel reaches 0.39 m, the free picture 230.4 px above it.
     assert asked == pytest.approx([1.01, 0.54])
+
+
+def test_a_marker_that_is_twice_in_a_picture_is_kept_twice_and_counted() -> None:
+    entities = Entities(
+        world_hash=house().world.hash, entities=(marker_entity("a", 80, -1.8, 0.427),)
+    )
+    driver = NodeDriver()
+    driver.learn(entities=entities)
+    driver.run(0.3)
+    upright = np.diag([1.0, -1.0, -1.0, 1.0])
+    near, far = upright.copy(), upright.copy()
+    near[2, 3], far[2, 3] = 1.0, 1.5
+    seen = sighting(driver.now_ns, 80, near)
+    seen.detections.extend(sighting(driver.now_ns, 80, far).detections)
+    driver.deliver(DETECTIONS, seen)
+    driver.step()
+    assert driver.inbox.counts[DETECTIONS.name].rejected == {"marker id twice in a picture": 1}
+    drive = driver.node._drive
+    assert drive is not None
+    away_m = [one.base_from_marker.x_m for one in drive.robot.sightings("80")]
+    assert away_m[1] - away_m[0] == pytest.approx(0.5, abs=0.01)

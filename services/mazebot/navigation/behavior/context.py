@@ -80,6 +80,11 @@ class MarkerPose:
     odom_from_base: SE2
     """Pose of the robot at that time."""
 
+    @property
+    def odom_from_marker(self) -> SE2:
+        """Pose of the marker's foot by odometry."""
+        return self.odom_from_base @ self.base_from_marker
+
 
 @dataclass(frozen=True, slots=True)
 class Dock:
@@ -142,6 +147,12 @@ class NavigationContext(Protocol):
 
     def pose(self) -> SE2:
         """Pose of the robot. Raises NavigationError (TF_ERROR of the task) while it is lost."""
+        ...
+
+    def pose_std(self) -> tuple[float, float]:
+        """Standard deviations of the pose, of its position along each axis, m, and its heading,
+        rad; infinite where they are not known.
+        """
         ...
 
     def odom_from_base(self) -> SE2:
@@ -226,8 +237,8 @@ class NavigationContext(Protocol):
         """Newest velocity that a user asks for (`cmd_vel_teleop`); None: none lately."""
         ...
 
-    def marker(self, marker_id: str) -> MarkerPose | None:
-        """Last sighting of a marker; None: never."""
+    def sightings(self, marker_id: str) -> tuple[MarkerPose, ...]:
+        """What had a marker's id in the last picture with it: it may hang twice; empty: never."""
         ...
 
     def dock(self, dock_id: str) -> Dock:

@@ -75,6 +75,7 @@ class Measurements:
         self.echoes: Echoes | None = None
         self._scans: deque[tuple[Scan, SE2]] = deque(maxlen=_SCANS_KEPT)
         self._pose_std_m: float | None = None
+        self._pose_std_rad = math.inf
         """Of the pose in the map, along the axis of which less is known."""
         self._teleop: tuple[int, Velocity] | None = None
         self._watchdog_stops: int | None = None
@@ -144,6 +145,7 @@ class Measurements:
     def take_covariance(self, covariance: Array) -> None:
         """Keep how well the pose is known, from the (36,) covariance of /amcl_pose."""
         self._pose_std_m = math.sqrt(max(covariance[0], covariance[7], 0.0))
+        self._pose_std_rad = math.sqrt(max(covariance[35], 0.0))
 
     def correct(self, stamp_ns: int, map_from_odom: SE2) -> bool:
         """Take a correction of odometry; whether the pose in the map jumps by it."""
@@ -265,6 +267,7 @@ class Measurements:
             self.battery,
             self.is_suspect(epoch),
             self.is_depth_silent(now_ns),
+            (math.inf if self._pose_std_m is None else self._pose_std_m, self._pose_std_rad),
         )
 
     def _echoes_now(self) -> Array:

@@ -51,8 +51,8 @@ class RobotContext:
     planner_server: PlannerServer
     controller_server: ControllerServer
     docks: Docks = field(default_factory=Docks)
-    markers: dict[str, MarkerPose] = field(default_factory=dict)
-    """The newest sighting of each marker, by its id."""
+    markers: dict[str, tuple[MarkerPose, ...]] = field(default_factory=dict)
+    """All sightings of each marker's id in the newest picture that has any."""
     view: View | None = None
     command: Velocity | None = None
     """What behaviors want in this step; None: nothing."""
@@ -126,6 +126,10 @@ class RobotContext:
     def odom_from_base(self) -> SE2:
         """See NavigationContext."""
         return self._view().odom_from_base
+
+    def pose_std(self) -> tuple[float, float]:
+        """See NavigationContext."""
+        return self._view().pose_std
 
     def velocity(self) -> Velocity:
         """See NavigationContext."""
@@ -260,9 +264,9 @@ class RobotContext:
         """See NavigationContext."""
         return self._view().teleop
 
-    def marker(self, marker_id: str) -> MarkerPose | None:
+    def sightings(self, marker_id: str) -> tuple[MarkerPose, ...]:
         """See NavigationContext."""
-        return self.markers.get(marker_id)
+        return self.markers.get(marker_id, ())
 
     def dock(self, dock_id: str) -> Dock:
         """See NavigationContext."""

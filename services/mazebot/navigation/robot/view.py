@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from mazebot.common.maths.frames import SE2, Array
@@ -35,6 +36,8 @@ class View:
     """Whether scans contradict the pose, which may turn out wrong."""
     slows_down: bool = False
     """Whether a sensor that it could do without is silent."""
+    pose_std: tuple[float, float] = (math.inf, math.inf)
+    """Of the position along each axis, m, and of the heading, rad; infinite: not known."""
 
     @property
     def scanned_m(self) -> Array:

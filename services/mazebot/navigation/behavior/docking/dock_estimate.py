@@ -29,6 +29,25 @@ class SightingParams:
     """A sighting further off than this many standard deviations is left out."""
     most_left_out: int = 8
     """After so many in a row the filter is reset to the next."""
+    place_sigmas: float = 3.0
+    place_slack_m: float = 0.1
+    """A marker further than both together from where it should be is another one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """Where a marker should be, by the map and the robot's pose in it."""
+
+    odom_from_marker: SE2
+    position_std_m: float
+    """Of the robot's pose, along each axis."""
+    yaw_std_rad: float
+
+    def reach_m(self, params: SightingParams, range_m: float) -> float:
+        """How far from there the marker may be seen at a range."""
+        seen_std_m = params.position_std_m + params.position_std_per_m * range_m
+        std_m = math.hypot(self.position_std_m, self.yaw_std_rad * range_m, seen_std_m)
+        return params.place_slack_m + params.place_sigmas * std_m
 
 
 class DockEstimate:
@@ -70,7 +89,7 @@ class DockEstimate:
         range_m = math.hypot(base_from_marker.x_m, base_from_marker.y_m)
         position_std = p.position_std_m + p.position_std_per_m * range_m
         yaw_std = p.yaw_std_rad + p.yaw_std_per_m * range_m
-        measured = seen.odom_from_base @ base_from_marker
+        measured = seen.odom_from_marker
         if self.count == 0 or self._left_out >= p.most_left_out:
             self._pose, self._left_out, self.count, self.new = measured, 0, 1, 1
             self._position_var, self._yaw_var = position_std * position_std, yaw_std * yaw_std

@@ -5,6 +5,7 @@ final straight steered by the marker's lateral and heading error.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -15,7 +16,11 @@ from mazebot.common.maths import portable
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages.error_codes import ErrorCode
 from mazebot.navigation.behavior.context import Dock, MarkerPose
-from mazebot.navigation.behavior.docking.dock_estimate import DockEstimate, SightingParams
+from mazebot.navigation.behavior.docking.dock_estimate import (
+    DockEstimate,
+    Expected,
+    SightingParams,
+)
 from mazebot.navigation.behavior.docking.graceful_controller import (
     GracefulParams,
     graceful_velocity,
@@ -146,7 +151,10 @@ class Docker:
         self._marker_from_dock = dock.marker_from_dock
         self._dock = dock
         self._expected = odom_from_dock
-        self._estimate = DockEstimate(SightingParams())
+        self._sighting = SightingParams()
+        self._estimate = DockEstimate(self._sighting)
+        self._elsewhere = ""
+        """Where alone the marker's id was last seen, if that is too far off"""
         self._limited = _Limited(params)
         self._state = DockState.INITIAL_PERCEPTION
         self._since_ns: int | None = None
@@ -174,10 +182,20 @@ class Docker:
         now_ns: int,
         elapsed_s: float,
         odom_from_base: SE2,
-        marker: MarkerPose | None,
+        sightings: Sequence[MarkerPose],
         time_to_collision: TimeToCollision,
+        expected: Expected | None = None,
     ) -> DockingStep:
         """Advance by one control period.
+
+        Args:
+            now_ns: the time.
+            elapsed_s: since the last step.
+            odom_from_base: pose of the robot by odometry.
+            sightings: all that had the marker's id in the newest picture with any.
+            time_to_collision: at a constant velocity.
+            expected: where the marker should be: sightings too far from there are of another one
+                with its id; None: anywhere.
 
         Raises NavigationError with FAILED_TO_DETECT_DOCK or FAILED_TO_CONTROL when the retries are
         spent.
@@ -185,7 +203,8 @@ class Docker:
         if self._since_ns is None:
             self._since_ns = self._began_ns = now_ns
         oldest_ns = self._began_ns - self._params.external_detection_timeout * 1e9
-        if marker is not None and marker.stamp_ns >= oldest_ns:
+        marker = self._nearest([s for s in sightings if s.stamp_ns >= oldest_ns], expected)
+        if marker is not None:
             self._estimate.add(marker)
         try:
             return self._work(now_ns, elapsed_s, odom_from_base, time_to_collision)
@@ -197,6 +216,30 @@ class Docker:
             if self._estimate.count == 0 or error.code is ErrorCode.FAILED_TO_DETECT_DOCK:
                 self._enter(DockState.INITIAL_PERCEPTION, now_ns)
             return self._answer(STOP, elapsed_s)
+
+    def _nearest(
+        self, sightings: Sequence[MarkerPose], expected: Expected | None
+    ) -> MarkerPose | None:
+        """The sighting nearest to where the marker should be, and not too far from there."""
+        if not sightings:
+            return None
+        if expected is None:
+            about = self._estimate.odom_from_marker
+            return min(sightings, key=lambda one: one.odom_from_marker.distance_m(about))
+        about = expected.odom_from_marker
+        near = min(sightings, key=lambda one: one.odom_from_marker.distance_m(about))
+        range_m = near.odom_from_base.distance_m(about)
+        reach_m = expected.reach_m(self._sighting, range_m)
+        self._elsewhere = ""
+        if near.odom_from_marker.distance_m(about) <= reach_m:
+            return near
+        should = self._dock.map_from_marker
+        seen = should @ (about.inverse() @ near.odom_from_marker)
+        self._elsewhere = (
+            f"; one with its id was seen at ({seen.x_m:.2f}, {seen.y_m:.2f}), expected at "
+            f"({should.x_m:.2f}, {should.y_m:.2f}): must be within {reach_m:.2f} m of there"
+        )
+        return None
 
     def _work(
         self, now_ns: int, elapsed_s: float, base: SE2, time_to_collision: TimeToCollision
@@ -229,7 +272,7 @@ class Docker:
             raise NavigationError(
                 ErrorCode.FAILED_TO_DETECT_DOCK,
                 f"the dock's marker was detected {estimate.new} times in {running_s:.1f} s: "
-                f"must be at least {p.views} times",
+                f"must be at least {p.views} times{self._elsewhere}",
             )
         if seen:
             bearing_rad = _bearing(base, estimate.odom_from_marker)
@@ -318,7 +361,7 @@ class Docker:
             raise NavigationError(
                 ErrorCode.FAILED_TO_DETECT_DOCK,
                 f"the dock's marker was not detected for {lost_s:.1f} s, {-at.x_m:.2f} m before "
-                "the dock",
+                f"the dock{self._elsewhere}",
             )
         speed = self._limited.velocity
         if speed.linear_m_s > 0.0:
@@ -353,7 +396,7 @@ class Docker:
                 raise NavigationError(
                     ErrorCode.FAILED_TO_DETECT_DOCK,
                     f"the dock's marker was detected {estimate.new} times from the dock, and not "
-                    f"for {waited_s:.1f} s: must be at least {p.views} times",
+                    f"for {waited_s:.1f} s: must be at least {p.views} times{self._elsewhere}",
                 )
         if abs(at.y_m) > p.lateral_tolerance or at.x_m > p.longitudinal_tolerance:
             raise NavigationError(

@@ -7,6 +7,7 @@ from abc import abstractmethod
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages.error_codes import ErrorCode
 from mazebot.navigation.behavior.context import Dock
+from mazebot.navigation.behavior.docking.dock_estimate import Expected
 from mazebot.navigation.behavior.docking.docking import (
     LEAST_STAGING_SHARE,
     Docker,
@@ -185,9 +186,11 @@ class DockRobotNode(ActionNode):
     _began_ns = 0
     _way: Errand | None = None
     """To the staging pose"""
+    _expected: Expected | None = None
 
     def _begin(self, now_ns: int) -> None:
         self._began_ns, self._way, self._docker = now_ns, None, None
+        self._expected = None
         self.put("success", False)
         self.put("num_retries", 0)
         self._dock = self._chosen()
@@ -250,8 +253,9 @@ class DockRobotNode(ActionNode):
             now_ns,
             run.control_period_s,
             odom_from_base,
-            context.marker(self._dock.marker_id),
+            context.sightings(self._dock.marker_id),
             context.time_to_collision,
+            self._marker_expected(odom_from_base),
         )
         run.docking_step = step
         self.put("num_retries", step.num_retries)
@@ -261,6 +265,16 @@ class DockRobotNode(ActionNode):
             return SUCCESS
         context.drive(step.velocity)
         return RUNNING
+
+    def _marker_expected(self, odom_from_base: SE2) -> Expected | None:
+        """Where the marker should be, by the last pose that was known."""
+        context = self.context
+        if context.is_localized():
+            odom_from_map = odom_from_base @ context.pose().inverse()
+            self._expected = Expected(
+                odom_from_map @ self._dock.map_from_marker, *context.pose_std()
+            )
+        return self._expected
 
     def _is_staged(self, now_ns: int) -> bool:
         """Whether docking can begin; drives to the staging pose until then."""
