@@ -10,10 +10,10 @@ from typing import Any
 
 from mazebot.cli.parsing.options import print_json
 from mazebot.common.config import ConfigError
-from mazebot.common.recordings.catalog import LATEST, find_run
+from mazebot.common.recordings.catalog import LATEST, find_run, run_at
 from mazebot.common.recordings.comparing.compare_runs import comparison_lines, read_run_digests
 from mazebot.common.recordings.comparing.run_comparison import compare
-from mazebot.common.recordings.run_folder import DIGESTS, LOCK, SUMMARY
+from mazebot.common.recordings.run_folder import DIGESTS, SUMMARY
 from mazebot.common.recordings.run_settings import settings_of
 
 
@@ -30,7 +30,8 @@ def diff_runs(directory: Path, first: str, second: str, as_json: bool = False) -
     except ConfigError as error:
         raise ConfigError(f"diff: {error}") from error
     code = 1 if comparison.differences else 0
-    still = [(folder / LOCK).exists() for folder in folders]
+    runs = [run_at(folder) for folder in folders]
+    still = [run is not None and not run.closed for run in runs]
     if as_json:
         one, other = settings
         differing = {

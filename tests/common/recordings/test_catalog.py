@@ -15,6 +15,7 @@ from mazebot.common.config import ConfigError
 from mazebot.common.recordings import catalog
 from mazebot.common.recordings.catalog import Catalog, find_run, list_recordings
 from mazebot.common.recordings.figures import figures_of
+from mazebot.common.recordings.retention import Kept, to_delete
 from mazebot.common.recordings.run_folder import LOCK, SUMMARY, RunFolder, write_atomically
 
 
@@ -113,6 +114,29 @@ def test_whether_a_run_goes_on_is_known(tmp_path: Path) -> None:
     RunFolder.take_over(tmp_path / "run").release()
     (tmp_path / "run" / SUMMARY).write_text("{}")
     assert [run.state for run in list_recordings(tmp_path)] == ["ended"]
+
+
+def test_a_run_that_was_cut_off_stays_interrupted_and_has_failed(tmp_path: Path) -> None:
+    goals = [{"reached": True, "time_s": 1.0}]
+    summary = {"goals": goals, "goals_sent": 2, "distance_m": 3.0, "ended": False}
+    make(tmp_path, "repaired", summary)
+    explored = {"goals": goals, "ended": False, "mapping": {"exploration": "complete"}}
+    make(tmp_path, "explored", explored)
+    running = RunFolder.exactly(make(tmp_path, "running"))
+    (running.path / SUMMARY).write_text(json.dumps(summary))
+    runs = {run.name: run for run in list_recordings(tmp_path)}
+    found = {name: (run.state, run.closed, run.failed) for name, run in runs.items()}
+    cut_off = ("interrupted", False, True)
+    assert found == {
+        "repaired": cut_off, "explored": cut_off, "running": ("running", False, False)
+    }  # fmt: skip
+    # The goal under way counts, unless it may still be reached.
+    counted = {name: (run.goals_reached, run.goals_total) for name, run in runs.items()}
+    assert counted == {"repaired": (1, 2), "explored": (1, 1), "running": (1, 1)}
+    assert figures_of(summary)["goals_missed"] == 1.0
+    kept = Kept(last=0)
+    assert to_delete(list(runs.values()), kept, datetime.now()) == []  # noqa: DTZ005 - local
+    running.let_go()
 
 
 @pytest.mark.parametrize(

@@ -25,6 +25,7 @@ GOAL = GoalReport(
 
 def summary_of(goals: tuple[GoalReport, ...]) -> RunSummary:
     return build_summary(
+        ended=True,
         world=room("two\nlines"),
         seed=7,
         stats=None,

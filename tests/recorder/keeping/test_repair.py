@@ -18,6 +18,7 @@ from mazebot.common.files.root import ROOT
 from mazebot.common.messages import documents as doc
 from mazebot.common.messages import topics as table
 from mazebot.common.messages.topics import Delivery
+from mazebot.common.recordings.catalog import list_recordings
 from mazebot.common.recordings.comparing.digests import read_digests
 from mazebot.common.recordings.mcap.mcap_messages import read_messages
 from mazebot.common.recordings.run_folder import LOCK, MESSAGES, TO_COMPRESS, RunFolder, parts_of
@@ -59,7 +60,11 @@ def until(condition: Callable[[], bool], timeout_s: float = 20.0) -> None:
 
 
 def test_a_killed_recording_is_made_whole_by_the_next_recorder(tmp_path: Path) -> None:
-    command = [sys.executable, "-c", KILLED, str(tmp_path)]
+    # Killed on the way to a goal: the summary of that moment is the last one.
+    script = KILLED.replace("driving(world, 2.0))", "list(driving(world, 2.0))[:-1])").replace(
+        "time.sleep(0.1)", "bench.node._run._summarised_s -= 1.0; bench.step(2_000_000_000)"
+    )
+    command = [sys.executable, "-c", script, str(tmp_path)]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == b"driving\n"
@@ -74,6 +79,10 @@ def test_a_killed_recording_is_made_whole_by_the_next_recorder(tmp_path: Path) -
     node.close()
     Repair(tmp_path).repair_all()
     assert leftovers(tmp_path) == []
+    (listed,) = (one for one in list_recordings(tmp_path) if one.path == run)
+    assert (listed.state, listed.failed) == ("interrupted", True)
+    assert (listed.goals_reached, listed.goals_total) == (0, 1)
+    assert listed.sim_time_s == pytest.approx(2.0, abs=0.05)
     verify(run / "run.rrd")
     drawn = entities_of(run / "run.rrd")
     assert "/camera/color/image_raw: " in drawn
@@ -96,10 +105,11 @@ def test_the_summary_of_a_killed_run_says_what_its_files_hold(tmp_path: Path) ->
     clocks = len(list(read_messages(parts_of(run, MESSAGES), {"/clock"})))
     assert clocks > 9
     assert json.loads(text) == stale | {
+        "sim_time_s": pytest.approx(2.0, abs=0.05),
         "messages": {
             "/clock": counted | {"recorded": clocks, "received": clocks, "sent": clocks + 2},
             "/cmd_vel_teleop": nowhere,
-        }
+        },
     }
     with (run / "run.mcap").open("rb") as file:
         attached = {one.name: one.data for one in make_reader(file).iter_attachments()}
@@ -165,6 +175,7 @@ def test_a_recorder_that_comes_back_goes_on_with_the_run(
     )
     summary = summary_of(run)
     assert summary["goals_sent"] == 3
+    assert summary["ended"]
     assert summary["sim_time_s"] == pytest.approx(5.0, abs=0.01)
     # The simulation tells how it is once a second: what came before is of no known run.
     assert summary["markers_seen"]["60"] >= 39

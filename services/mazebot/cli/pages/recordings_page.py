@@ -98,6 +98,9 @@ _VIEWER = f"""
 `{SERIES}`, `{CONFIG}`, `{MAP_FOLDER}` and `{SAVED_MAPS}` are written. While its recorder is
 alive, the folder also contains a locked file `{LOCK}`.
 
+A run whose recorder was killed is `interrupted`, and stays so when its files have been repaired: it
+counts as failed, a goal that was under way as not reached, and no limit deletes it.
+
 ## Commands
 
 Each takes `--dir` for another folder than `./recordings`, and `--json` where it prints data. A run

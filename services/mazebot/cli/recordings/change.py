@@ -111,8 +111,9 @@ def repair_runs(directory: Path, name: str | None, as_json: bool) -> None:
         run = find_run("recordings repair", directory, name)
         if run.state == "running":
             raise ConfigError(f"recordings repair: {run.path}: is being recorded; stop it first")
-        if run.state == "ended" and not _cut_off(run.path):
-            raise ConfigError(f"recordings repair: {run.path}: is complete: must be a run "
+        if not (run.path / LOCK).exists() and not _cut_off(run.path):
+            how = "is complete" if run.state == "ended" else "is repaired already"
+            raise ConfigError(f"recordings repair: {run.path}: {how}: must be a run "
                               "whose recorder was killed, or that is truncated")  # fmt: skip
         # As a killed recorder leaves it.
         (run.path / LOCK).touch()

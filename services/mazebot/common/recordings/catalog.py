@@ -17,6 +17,7 @@ from pydantic_core import from_json, to_json
 from mazebot.common.config import ConfigError
 from mazebot.common.files.limits import MAX_DOCUMENT_BYTES
 from mazebot.common.files.reading import read_limited
+from mazebot.common.recordings.figures import goals_sent
 from mazebot.common.recordings.labels import Labels, read_labels
 from mazebot.common.recordings.run_folder import (
     LABELS,
@@ -35,6 +36,7 @@ LATEST = "latest"
 """Names the newest run, wherever a run is named."""
 _INDEXED = [
     *("world", "goals_reached", "goals_total", "sim_time_s", "seed", "slam", "error_mean_m"),
+    *("goals_sent", "has_end"),
     *("error_p95_m", "exploration", "coverage_share", "distance_m", "contacts", "real_time_factor"),
     *("changed_settings", "tags", "note", "problem", "labels_unreadable"),
 ]
@@ -42,6 +44,8 @@ _WORTH_IT = 20
 """Runs read in one listing, for which the index is written again."""
 _SETTLED_NS = 2_000_000_000
 """A larger summary is none."""
+
+State = Literal["running", "interrupted", "ended"]
 
 
 @dataclass(frozen=True)
@@ -56,6 +60,7 @@ class RecordingInfo:
     """Local time, from the folder's name, or else from its oldest file."""
     goals_reached: int
     goals_total: int
+    """Those that were sent; while it is being recorded, those that have ended."""
     sim_time_s: float | None
     """None if its summary does not contain it."""
     size_bytes: int
@@ -64,8 +69,8 @@ class RecordingInfo:
     """The run.rrd, if there is one."""
     closed: bool
     """Whether the run was ended; else it is being recorded, or its recorder was killed."""
-    state: Literal["running", "interrupted", "ended"] = "ended"
-    """`interrupted`: its recorder was killed, and it was not repaired yet."""
+    state: State = "ended"
+    """`interrupted`: its recorder was killed, whether it was repaired or not."""
     seed: int | None = None
     slam: bool = False
     """Whether the robot made the map."""
@@ -92,9 +97,12 @@ class RecordingInfo:
 
     @property
     def failed(self) -> bool:
-        """Whether a goal was not reached, or nothing of the run can be read; where the robot has
-        explored, which gives up goals all the time: whether that was not complete.
+        """Whether a goal was not reached, the run was interrupted, or nothing of it can be read;
+        where the robot has explored, which gives up goals all the time: whether that was not
+        complete.
         """
+        if self.state == "interrupted":
+            return True
         if self.exploration:
             return self.exploration != "complete"
         return self.goals_reached < self.goals_total or self.problem is not None
@@ -260,6 +268,8 @@ def _read(path: Path, versions: tuple[_File | None, _File | None]) -> dict[str, 
         "world": str(summary.get("world") or ""),
         "goals_reached": sum(goal.get("reached") is True for goal in reports),
         "goals_total": len(reports),
+        "goals_sent": goals_sent(summary),
+        "has_end": summary.get("ended") is not False,
         "sim_time_s": _number(summary, "sim_time_s"),
         "seed": _whole(summary, "seed"),
         "slam": bool(mapping),
@@ -285,13 +295,20 @@ def _read(path: Path, versions: tuple[_File | None, _File | None]) -> dict[str, 
 
 def _info(path: Path, files: Mapping[str, _File], values: Mapping[str, Any]) -> RecordingInfo:
     match = _NAME.match(path.name)
-    closed = LOCK not in files
+    is_locked = LOCK in files
     fields = {
         **values,
         "world": values["world"] or (match[2] if match else ""),
         "tags": tuple(values["tags"]),
     }
-    if closed and SUMMARY not in files:
+    state: State = "ended"
+    has_end, sent = fields.pop("has_end"), fields.pop("goals_sent")
+    if is_locked or not has_end:
+        state = "running" if is_locked and is_recording(path) else "interrupted"
+    if state != "running":
+        # A goal that was under way at the end was not reached.
+        fields["goals_total"] = sent
+    if not is_locked and SUMMARY not in files:
         # One that goes on, or was killed, has none yet.
         fields["problem"] = values["problem"] or f"{SUMMARY}: missing"
     return RecordingInfo(
@@ -300,8 +317,8 @@ def _info(path: Path, files: Mapping[str, _File], values: Mapping[str, Any]) -> 
         started=_started(match[1] if match else "", files),
         size_bytes=sum(file.size_bytes for file in files.values()),
         recording=path / RECORDING if RECORDING in files else None,
-        closed=closed,
-        state="ended" if closed else "running" if is_recording(path) else "interrupted",
+        closed=state == "ended",
+        state=state,
         files=tuple(sorted(name for name in files if "/" not in name and name[0] != ".")),
         **fields,
     )

@@ -60,7 +60,8 @@ def figures_of(summary: Mapping[str, Any]) -> dict[str, float | None]:
     errors_m = [value for goal in goals if (value := _number(goal.get("goal_error_m"))) is not None]
     seen = summary.get("markers_seen")
     computed = {
-        "goals_missed": float(sum(goal.get("reached") is not True for goal in goals)),
+        "goals_missed": float(goals_sent(summary))
+        - sum(goal.get("reached") is True for goal in goals),
         "goal_time_s": _sum(goals, "time_s") if goals else None,
         "recoveries": _sum(goals, "recoveries") if goals else None,
         "goal_error_m": sum(errors_m) / len(errors_m) if errors_m else None,
@@ -78,6 +79,15 @@ def figures_of(summary: Mapping[str, Any]) -> dict[str, float | None]:
         else _number(_at(summary, figure.name))
         for figure in FIGURES
     }
+
+
+def goals_sent(summary: Mapping[str, Any]) -> int:
+    """Number of goals, without those given up: also one that had not ended when the run did. Of a
+    robot whose true pose is not known no goal is judged, and none counts.
+    """
+    goals = [goal for goal in _objects(summary.get("goals")) if goal.get("given_up") is not True]
+    sent = None if summary.get("distance_m") is None else _number(summary.get("goals_sent"))
+    return max(int(sent or 0), len(goals))
 
 
 def figure_text(figure: Figure, value: float | None, signed: bool = False) -> str:

@@ -66,6 +66,12 @@ class RunSummary(Document):
 
     world: str = Field(description="name of the world")
     world_hash: str = Field(description="hash of the world; equal for equal worlds")
+    ended: bool = Field(
+        True,
+        description="whether the run has ended, and this was written at its end; false: it goes "
+        "on, or its recorder was killed: then all but `messages` and `sim_time_s`, which a repair "
+        "takes from its files, is as it was up to 5 s before",
+    )
     seed: int = Field(description="seed of all random streams")
     epoch: int | None = Field(
         description="number of simulation starts, including this run's; null: never received"

@@ -163,6 +163,11 @@ class RunEvaluation:
         """Number of ended goals that still wait for a true pose, and of those that are judged."""
         return self._goals.ended
 
+    @property
+    def goals_sent(self) -> int:
+        """Number of goals sent, with those given up."""
+        return self._goals.sent
+
     def evaluation(self, recording: str = "") -> Evaluation:
         """The evaluation of the run so far.
 

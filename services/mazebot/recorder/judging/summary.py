@@ -26,6 +26,7 @@ RejectedElsewhere = Mapping[tuple[str, str, str], int]
 
 def build_summary(
     *,
+    ended: bool,
     world: World,
     seed: int,
     stats: SimulationStats | None,
@@ -50,6 +51,7 @@ def build_summary(
     return RunSummary(
         world=world.name,
         world_hash=world.hash,
+        ended=ended,
         seed=seed,
         epoch=stats.epoch if stats else None,
         rebuilds=rebuilds,

@@ -13,8 +13,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from mazebot.common.config import ConfigError
+from mazebot.common.messages.topics import CLOCK
 from mazebot.common.recordings.mcap.mcap_counts import count_messages
 from mazebot.common.recordings.mcap.mcap_file import repair
+from mazebot.common.recordings.mcap.mcap_messages import read_messages
 from mazebot.common.recordings.mcap.mcap_records import McapError
 from mazebot.common.recordings.run_folder import (
     LOCK,
@@ -233,18 +235,25 @@ class Repair(threading.Thread):
 
 
 def _recount(folder: Path) -> None:
-    """Write into a run's summary how many messages its files hold: its recorder died, or had no
-    room for the summary, after it had written some more.
+    """Write into a run's summary how many messages its files hold, and up to which time: its
+    recorder died, or had no room for the summary, after it had written some more.
     """
     try:
         summary = read_summary(folder)
-        counts = count_messages(parts_of(folder, MESSAGES))
+        if not summary:
+            return
+        parts = parts_of(folder, MESSAGES)
+        counts = count_messages(parts)
+        clocks = read_messages(parts[-1:], {CLOCK.name})
+        newest_ns = max((message.time_ns for message in clocks), default=0)
+        if newest_ns:
+            summary["sim_time_s"] = max(summary.get("sim_time_s") or 0.0, newest_ns * 1e-9)
         for topic, row in summary.get("messages", {}).items():
             if row["recorded"] is not None:
                 row["recorded"] = counts[topic]
                 row["received"] = max(row["received"], counts[topic])
                 row["sent"] = max(row["sent"], row["received"] + row["lost"])
-        if summary and counts:
+        if counts:
             text = json.dumps(summary, indent=2, ensure_ascii=False) + "\n"
             write_atomically(folder / SUMMARY, [text.encode()])
     except (ConfigError, McapError, OSError, AttributeError, KeyError, TypeError) as error:

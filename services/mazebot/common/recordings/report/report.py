@@ -73,9 +73,7 @@ def report_html(folder: Path, series: RunSeries | None, problem: str = "") -> st
         raise ConfigError(f"{folder}: contains no run")
     notices = [problem] if problem else []
     if run.state != "ended":
-        why = (
-            "has not ended" if run.state == "running" else "was interrupted and is not repaired yet"
-        )
+        why = "has not ended" if run.state == "running" else "was interrupted: its recorder died"
         notices.append(f"This run {why}; the report shows its latest {SUMMARY}.")
     content: dict[str, Any] = {}
     for part in (_from_summary, _from_config):
@@ -111,15 +109,16 @@ def verdict_of(run: RecordingInfo) -> Verdict | None:
     """How a run went, in a few words; None if nothing is known of it."""
     if run.problem is not None:
         return Verdict("cannot be read", "bad")
+    broken = ", interrupted" if run.state == "interrupted" else ""
     if run.exploration:
-        kind = "good" if run.exploration == "complete" else "warn"
-        return Verdict(f"exploration {run.exploration}", kind)
+        kind = "good" if run.exploration == "complete" and not broken else "warn"
+        return Verdict(f"exploration {run.exploration}{broken}", kind)
     if not run.goals_total:
-        return None
+        return Verdict("interrupted", "bad") if broken else None
     reached = f"{run.goals_reached} of {run.goals_total} goals reached"
     touched = f", {run.contacts} contacts" if run.contacts else ""
     kind = "bad" if run.failed else "warn" if run.contacts else "good"
-    return Verdict(reached + touched, kind)
+    return Verdict(reached + touched + broken, kind)
 
 
 class _Nothing(jinja2.Undefined):

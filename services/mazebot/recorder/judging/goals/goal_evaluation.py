@@ -144,6 +144,11 @@ class GoalEvaluation:
         """Number of ended goals that still wait for a true pose, and of those that are judged."""
         return len(self._results), len(self._goals)
 
+    @property
+    def sent(self) -> int:
+        """Number of goals sent, with those given up."""
+        return len(self._stamps_ns) + len(self._ids)
+
     def reports(self) -> list[GoalReport]:
         """The goals that have ended; those that wait for a true pose by the newest one."""
         provisional = [judged for result in self._results for judged in self._judge(result)]

@@ -55,6 +55,8 @@ SEND_PERIOD_S = FLUSH_PERIOD_S
 both periods.
 """
 SUMMARY_PERIOD_S = 5.0
+NEWS_PERIOD_S = 0.5
+"""Wall time after which a goal that was sent or has ended stands in the summary."""
 PROGRESS_PERIOD_S = 2.0
 """Wall time: the evaluation loses at most this duration if the recorder is killed."""
 SPACE_PERIOD_S = 2.0
@@ -107,6 +109,7 @@ class Run:
         self._sent_s = self._flushed_s = self._checked_s = now_s
         # At once: a run whose recorder is killed in its first seconds is resumed, too.
         self._kept_s = self._summarised_s = -math.inf
+        self._summarised_goals: tuple[int, tuple[int, int]] | None = None
         for topic, message in setting.fixed.items():
             self._judge.take(topic, message)
         for told in setting.parameters.values():
@@ -145,8 +148,10 @@ class Run:
             self._checked_s = now_s
             self._resume_recording(now_ns)
         self._judge.write_map(self.folder, now_ns)
-        if now_s - self._summarised_s >= SUMMARY_PERIOD_S:
-            self._summarised_s = now_s
+        goals = self._evaluation.goals_sent, self._evaluation.goals_ended
+        period_s = SUMMARY_PERIOD_S if goals == self._summarised_goals else NEWS_PERIOD_S
+        if now_s - self._summarised_s >= period_s:
+            self._summarised_s, self._summarised_goals = now_s, goals
             self._write_summary()
         # The true pose at a goal's end is not sent again.
         has_news = self._evaluation.goals_ended != self._kept_goals
@@ -209,7 +214,7 @@ class Run:
         """Take no more messages: write the summary, and end what another run needs as well."""
         self._judge.write_map(self.folder, self._end[1], all_of_it=True)
         self.messages.wait()
-        self._write_summary()
+        self._write_summary(ended=True)
         self.show(self.evaluation(), final=True)
         self._write_digests(close=True)
         self._drawing.close()
@@ -330,10 +335,11 @@ class Run:
     def _free_mib(self) -> float:
         return shutil.disk_usage(self.folder.path).free / _MIB
 
-    def _write_summary(self) -> None:
+    def _write_summary(self, ended: bool = False) -> None:
         end_s, end_ns = self._end
         evaluation = self.evaluation()
         summary = build_summary(
+            ended=ended,
             world=self.world,
             seed=self._judge.stats.seed if self._judge.stats else self._setting.config.seed,
             stats=self._judge.stats,
