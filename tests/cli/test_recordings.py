@@ -123,6 +123,23 @@ def test_a_run_is_told_of(runs: Path) -> None:
     assert read("info", str(runs / REAL))["figures"]["goals_missed"] == 1.0
 
 
+def test_what_was_not_recorded_of_a_run_is_told(runs: Path) -> None:
+    counts = {"received": 835, "recorded": 509}
+    nowhere = {"received": None, "recorded": None}
+    listed_run(runs, "hole", {"messages": {"/scan": counts, "/cmd_vel_teleop": nowhere}})
+    listed_run(runs, "cut", {"messages": {"/scan": counts}, "ended": False})
+    gap = "509 of 835 messages recorded"
+    rows = {line.split()[0]: line for line in told("list").splitlines()}
+    assert rows["hole"].endswith(f" {gap}")
+    assert rows["cut"].endswith(f"interrupted, {gap}")
+    assert gap in told("info", "hole")
+    assert gap in told("compare", FAR, "hole")
+    assert gap in told("report", "hole") + (runs / "hole" / "report.html").read_text()
+    # As long as its recorder has not been taken care of, it is not known what its files hold.
+    (runs / "hole" / LOCK).touch()
+    assert gap not in told("info", "hole")
+
+
 def test_a_report_is_made_again(runs: Path) -> None:
     files = [runs / name / "report.html" for name in (REAL, FAR)]
     assert told("report", REAL, FAR).splitlines() == [

@@ -67,6 +67,17 @@ def test_a_card_says_what_a_run_was(shared: Served) -> None:
     assert "13 mm" in page
 
 
+def test_what_a_run_lacks_is_shown_on_each_page(served: Served) -> None:
+    run = make_run(served.folder, "2026-01-03_10-00-00_hole")
+    counts = {"received": 835, "recorded": 509}
+    (run / "summary.json").write_text(json.dumps({"messages": {"/scan": counts}, "ended": False}))
+    wait_until(lambda: run.name in served.ask("/runs").text, "the run")
+    for path in ("/runs", f"/runs/{run.name}", f"/compare?run={FIRST}&run={run.name}"):
+        text = served.ask(path).text
+        assert "509 of 835 messages recorded" in text
+        assert "interrupted</span>" in text
+
+
 def test_what_is_no_run_or_is_broken_hides_nothing(served: Served) -> None:
     (served.folder / "notes").mkdir()
     (served.folder / "file.txt").write_text("")

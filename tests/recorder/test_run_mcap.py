@@ -19,6 +19,7 @@ from mazebot.common.messages import topics as table
 from mazebot.common.messages import wire
 from mazebot.common.messages.topics import BY_NAME, Delivery
 from mazebot.common.node.node import Envelope
+from mazebot.common.recordings.catalog import list_recordings, run_at
 from mazebot.common.recordings.mcap.mcap_messages import RecordedMessage, read_messages
 from mazebot.common.recordings.mcap.mcap_scan import scan
 from mazebot.common.recordings.run_folder import MESSAGES, parts_of
@@ -140,6 +141,11 @@ def test_the_next_run_begins_with_what_a_late_subscriber_would_get(tmp_path: Pat
     assert all(BY_NAME[m.topic].delivery is Delivery.LATCHED for m in head)
     worlds = [wire.decode(table.WORLD, m.data).name for m in messages if m.topic == "/world"]
     assert worlds == ["another"]
+    # Each run counts its own, and what stands at its head.
+    for folder in tmp_path.iterdir():
+        assert counts_of(messages_of(folder)) == counts_in_summary(folder)
+        assert counts_in_summary(folder) == counts_in_summary(folder, "recorded")
+        assert summary_of(folder)["messages"]["/clock"]["sent"] == 30
 
 
 def test_a_full_disk_costs_only_what_it_has_no_room_for(
@@ -179,7 +185,20 @@ def test_a_full_disk_costs_only_what_it_has_no_room_for(
     # What was latched meanwhile is written when there is room.
     assert sum(m.topic == "/world/status" for m in messages) == 2
     assert counts_of(messages) == counts_in_summary(run, "recorded")
-    assert len(messages) < sum(counts_in_summary(run).values())
+    received = sum(counts_in_summary(run).values())
+    assert len(messages) < received
+    listed = run_at(run)
+    assert listed is not None
+    assert listed.gap == f"{len(messages)} of {received} messages recorded"
+
+
+def test_a_disk_that_is_full_from_the_beginning_is_no_run_without_recording(tmp_path: Path) -> None:
+    bench = Bench(recorder(tmp_path, min_free_mib=2**30))
+    bench.say(opening(room()))
+    bench.say(driving(room(), 0.5))
+    bench.node.close()
+    (run,) = list_recordings(tmp_path)
+    assert run.gap == f"0 of {sum(counts_in_summary(run.path).values())} messages recorded"
 
 
 def said_of_world() -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import logging
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Collection
 from datetime import datetime
 from pathlib import Path
@@ -202,6 +202,8 @@ class RecorderNode(Node):
         self._delete_old_runs()
         self._request: doc.WorldRequest | None = None
         self._early: deque[tuple[Topic[Any], Taken]] = deque(maxlen=1000)
+        self._missed = Counter[str]()
+        """What came while it was not known whether the run is resumed, by topic."""
         self._beginnings = Beginnings()
         self._frames = _no_frames()
         self._evaluated_ns: int | None = None
@@ -380,6 +382,8 @@ class RecorderNode(Node):
             self._run.take(topic, taken, now_ns)
         elif topic in _EARLY:
             self._early.append((topic, taken))
+        elif topic.delivery is not Delivery.LATCHED:
+            self._missed[topic.name] += 1
 
     def _take_world(self, world: doc.World, now_ns: int) -> None:
         run = self._run.world if self._run is not None else None
@@ -447,7 +451,9 @@ class RecorderNode(Node):
         progress: Progress | None = None,
     ) -> None:
         """Start a new run in a new folder, with what is known already; or resume one."""
+        before = None
         if self._run is not None:
+            before = self._run.counted
             self._end_run()
             if self._foxglove is not None:
                 self._foxglove.begin()
@@ -465,7 +471,7 @@ class RecorderNode(Node):
         self.world_hash = world.hash
         self._frames = _no_frames()
         self._evaluated_ns = None
-        self._run = Run(self._setting, make_folder, world, now_ns, progress)
+        self._run = Run(self._setting, make_folder, world, now_ns, progress, before)
         if progress is None and self.hears_from_s is not None:
             # These belong to a simulation that has ended.
             self.hears_from_s = None
@@ -473,6 +479,8 @@ class RecorderNode(Node):
                 (entry for entry in self._early if entry[0].delivery is not Delivery.EVERY),
                 self._early.maxlen,
             )
+        if progress is not None:
+            self._run.messages.wanted += self._missed
         self._interrupted = self._offered = None
         if self._repair is not None:
             self._repair.spare(None)

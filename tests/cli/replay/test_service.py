@@ -146,6 +146,21 @@ def test_a_message_that_is_missing_or_another_is_found(run_folder: Path, tmp_pat
     assert firsts["/navigation/status"] is None
 
 
+def test_a_hole_in_the_recording_is_told_first(run_folder: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "hole"
+    shutil.copytree(run_folder, folder)
+    summary = json.loads((folder / "summary.json").read_text())
+    summary["messages"]["/scan"]["received"] += 7
+    (folder / "summary.json").write_text(json.dumps(summary))
+    for name in (folder, folder / "run.mcap"):
+        done = mazebot("replay", str(name), "--service", "localization", "--json")
+        lines = done.stderr.splitlines()
+        assert len(lines) == 1
+        assert lines[0].startswith("warning: ")
+        assert lines[0].count(" messages recorded: ") == 1
+        assert json.loads(done.stdout)["gap"] in lines[0]
+
+
 def test_services_are_known_by_their_parameters_where_sources_are_random(
     run_folder: Path, tmp_path: Path
 ) -> None:

@@ -39,6 +39,7 @@ def summary_of(goals: tuple[GoalReport, ...]) -> RunSummary:
         },
         counts={"/scan": TopicCounts(received=3)},
         recorded={"/scan": 3},
+        wanted={"/scan": 4},
         rejected_elsewhere={("navigation", "/tf", "not finite"): 1},
         versions={"mazebot": "0.1.0"},
     )  # fmt: skip

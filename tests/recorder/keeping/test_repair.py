@@ -179,7 +179,11 @@ def test_a_recorder_that_comes_back_goes_on_with_the_run(
     assert summary["sim_time_s"] == pytest.approx(5.0, abs=0.01)
     # The simulation tells how it is once a second: what came before is of no known run.
     assert summary["markers_seen"]["60"] >= 39
-    assert summary["messages"]["/scan"]["received"] == 50
+    # Those of the second in which it was not known whether the run goes on, the folder lacks.
+    scans, results = (summary["messages"][name] for name in ("/scan", "/navigation/result"))
+    assert (scans["received"], scans["recorded"]) == (50, 40)
+    # What was not written when the recorder died, it tells as well.
+    assert (results["received"], results["recorded"]) == (3, 4 - kept_goals)
     whole = read_digests(run / "digests.bin").rows
     assert (whole[: len(digests)] == digests).all()
     assert len(whole) > len(digests) + 200

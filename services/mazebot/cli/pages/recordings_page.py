@@ -15,6 +15,7 @@ from mazebot.common.recordings.run_folder import (
     DIGESTS,
     LABELS,
     LOCK,
+    MESSAGES,
     RECORDING,
     REPORT,
     SERIES,
@@ -99,7 +100,9 @@ _VIEWER = f"""
 alive, the folder also contains a locked file `{LOCK}`.
 
 A run whose recorder was killed is `interrupted`, and stays so when its files have been repaired: it
-counts as failed, a goal that was under way as not reached, and no limit deletes it.
+counts as failed, a goal that was under way as not reached, and no limit deletes it. Where the disk
+had no room for all messages, or a recorder has died and another went on with the run, `list`,
+`info`, `compare`, the report and the console say how many of them `{MESSAGES}` holds.
 
 ## Commands
 

@@ -47,7 +47,7 @@ def print_runs(directory: Path, runs: Sequence[RecordingInfo], as_json: bool) ->
             number_text(run.error_mean_m, 3),
             size_text(run.size_bytes),
             " ".join(run.tags),
-            run.problem or _STATES[run.state],
+            run.problem or ", ".join(filter(None, (_STATES[run.state], run.gap))),
         )
         for run in runs
     ]
@@ -76,6 +76,7 @@ def print_run(directory: Path, name: str, as_json: bool) -> None:
         ("goals", f"{run.goals_reached} of {run.goals_total} reached"),
         *((("exploration", run.exploration),) if run.exploration else ()),
         *((("problem", run.problem),) if run.problem else ()),
+        *((("incomplete", run.gap),) if run.gap else ()),
         *((("tags", " ".join(run.tags)),) if run.tags else ()),
         *((("note", run.note),) if run.note else ()),
         *(
@@ -101,7 +102,8 @@ def print_comparison(directory: Path, names: Sequence[str], messages: bool, as_j
     command = "recordings compare"
     if len(names) < 2:
         raise ConfigError(f"{command}: {' '.join(names)}: must be two runs or more")
-    folders = [find_run(command, directory, name).path for name in names]
+    found = [find_run(command, directory, name) for name in names]
+    folders = [run.path for run in found]
     try:
         comparison = compare_runs(folders, messages)
     except ConfigError as error:
@@ -110,7 +112,11 @@ def print_comparison(directory: Path, names: Sequence[str], messages: bool, as_j
         print_json(comparison.model_dump(mode="json"))
         return
     runs = comparison.runs
-    print_table(("runs", ""), [(f"({row + 1})", name) for row, name in enumerate(runs)])
+    lacks = [", ".join(filter(None, (_STATES[run.state], run.gap))) for run in found]
+    print_table(
+        ("runs", "", ""),
+        [(f"({row + 1})", *told) for row, told in enumerate(zip(runs, lacks, strict=True))],
+    )
     short = [f"({row + 1})" for row in range(len(runs))]
     sys.stdout.write("\n")
     if comparison.settings:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,6 +13,9 @@ from mazebot.cli.parsing.completion import run_names, service_names, topic_names
 from mazebot.cli.parsing.options import ROUTER, Connect, Json
 from mazebot.cli.parsing.patience import say_first
 from mazebot.common.config import ConfigError
+
+if TYPE_CHECKING:
+    from mazebot.cli.replay.reading.recording import Recording
 
 
 def replay(
@@ -106,6 +110,7 @@ def replay(
 
         check_service(service)
         recording = open_recording(directory, run, slam=service in ("mapping", "explorer"))
+        _warn(recording)
         span_ns = recording.span_ns(start_s, duration_s)
         code = compare_service(recording, service, span_ns, config, overrides or [], as_json)
     else:
@@ -114,11 +119,21 @@ def replay(
         choice = Choice.of(only or (), without or ())
         choice.check(compare, lockstep)
         recording = open_recording(directory, run)
+        _warn(recording)
         span_ns = recording.span_ns(start_s, duration_s)
         code = publish_recording(
             recording, connect, choice, span_ns, speed, loop, lockstep, compare, as_json
         )
     raise typer.Exit(code)
+
+
+def _warn(recording: Recording) -> None:
+    """Say first what makes a comparison worth nothing, and a replay another run."""
+    if recording.gap:
+        sys.stderr.write(
+            f"warning: {recording.name} has a hole: {recording.gap}: neither a difference nor its "
+            "absence proves anything\n"
+        )
 
 
 def _check_use(

@@ -79,6 +79,7 @@ def _summary(
         "start_s": span_ns[0] * 1e-9,
         "end_s": span_ns[1] * 1e-9,
         "pictures": recording.pictures,
+        "gap": recording.gap,
         "settings": {name: list(values) for name, values in settings.changed.items()},
         "left_out": recording.lines_of_unfit(),
         "rejected": rejected_lines(comparison, service),

@@ -36,7 +36,7 @@ LATEST = "latest"
 """Names the newest run, wherever a run is named."""
 _INDEXED = [
     *("world", "goals_reached", "goals_total", "sim_time_s", "seed", "slam", "error_mean_m"),
-    *("goals_sent", "has_end"),
+    *("goals_sent", "has_end", "messages_received", "messages_recorded"),
     *("error_p95_m", "exploration", "coverage_share", "distance_m", "contacts", "real_time_factor"),
     *("changed_settings", "tags", "note", "problem", "labels_unreadable"),
 ]
@@ -91,6 +91,10 @@ class RecordingInfo:
     note: str = ""
     files: tuple[str, ...] = ()
     """Names of the files of the folder itself, sorted; without hidden ones."""
+    messages_received: int | None = None
+    """What the recorder was to write to run.mcap, and"""
+    messages_recorded: int | None = None
+    """what it had room for; None: not known yet, or there is to be no such file."""
     problem: str | None = None
     """Why its summary or its labels cannot be read, in one line."""
     labels_unreadable: bool = False
@@ -106,6 +110,14 @@ class RecordingInfo:
         if self.exploration:
             return self.exploration != "complete"
         return self.goals_reached < self.goals_total or self.problem is not None
+
+    @property
+    def gap(self) -> str:
+        """What run.mcap lacks, in words; empty: nothing that is known of."""
+        received, recorded = self.messages_received, self.messages_recorded
+        if received is None or recorded is None or recorded >= received:
+            return ""
+        return f"{recorded} of {received} messages recorded"
 
     @property
     def has_thumbnail(self) -> bool:
@@ -269,6 +281,7 @@ def _read(path: Path, versions: tuple[_File | None, _File | None]) -> dict[str, 
         "goals_reached": sum(goal.get("reached") is True for goal in reports),
         "goals_total": len(reports),
         "goals_sent": goals_sent(summary),
+        **_messages(summary),
         "has_end": summary.get("ended") is not False,
         "sim_time_s": _number(summary, "sim_time_s"),
         "seed": _whole(summary, "seed"),
@@ -308,6 +321,9 @@ def _info(path: Path, files: Mapping[str, _File], values: Mapping[str, Any]) -> 
     if state != "running":
         # A goal that was under way at the end was not reached.
         fields["goals_total"] = sent
+    if is_locked:
+        # What is not written yet is no gap.
+        fields |= dict.fromkeys(("messages_received", "messages_recorded"))
     if not is_locked and SUMMARY not in files:
         # One that goes on, or was killed, has none yet.
         fields["problem"] = values["problem"] or f"{SUMMARY}: missing"
@@ -363,6 +379,20 @@ def _write_index(folder: Path, facts: Mapping[str, _Facts]) -> None:
 def _mapping(values: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     value = values.get(name)
     return value if isinstance(value, dict) else {}
+
+
+def _messages(summary: Mapping[str, Any]) -> dict[str, int | None]:
+    """How many were to be recorded, and were."""
+    received, recorded = 0, None
+    for row in _mapping(summary, "messages").values():
+        written = _whole(row, "recorded") if isinstance(row, dict) else None
+        if written is not None:
+            recorded = (recorded or 0) + written
+            received += max(_whole(row, "received") or 0, written)
+    return {
+        "messages_received": None if recorded is None else received,
+        "messages_recorded": recorded,
+    }
 
 
 def _number(values: Mapping[str, Any], name: str) -> float | None:

@@ -77,6 +77,8 @@ def _run_row(run: RecordingInfo, summary: Mapping[str, Any]) -> Row:
         "size_bytes": run.size_bytes,
         "problem": run.problem,
         "goals_total": run.goals_total,
+        "messages_received": run.messages_received,
+        "messages_recorded": run.messages_recorded,
     }
     flat = dict(_flat("", {name: summary[name] for name in summary if name not in _NOT_FLAT}))
     row |= {name: value for name, value in flat.items() if name not in row}

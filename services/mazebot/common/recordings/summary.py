@@ -33,13 +33,19 @@ class TopicMessages(Document):
     """The messages on one topic."""
 
     sent: int | None = Field(
-        description="by their publishers, since the first message received by the recorder; null: "
-        "the recorder does not subscribe to this topic"
+        description="by their publishers, since the first message received by the recorder or, of "
+        "a later run of the same recorder, since the run began; null: the recorder does not "
+        "subscribe to this topic"
     )
-    received: int | None = Field(description="of these, by the recorder; null as `sent`")
+    received: int | None = Field(
+        description="of these, by the recorder, with the latched ones of before the run; null as "
+        "`sent`"
+    )
     lost: int | None = Field(description="not received by the recorder; null as `sent`")
     recorded: int | None = Field(
-        None, description="of these, in `run.mcap`; null: there is none, or as `sent`"
+        None,
+        description="of these, in `run.mcap`: fewer, if the disk had no room; null: there is to "
+        "be no such file, or as `sent`",
     )
     rejected: int = Field(description="by any service")
     rejected_by: dict[str, int] = Field(description="the same by `service: reason`")

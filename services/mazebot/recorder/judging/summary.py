@@ -37,13 +37,16 @@ def build_summary(
     evaluation: Evaluation,
     totals: Mapping[str, Any],
     counts: Mapping[str, TopicCounts],
-    recorded: Mapping[str, int],
+    recorded: Mapping[str, int] | None,
+    wanted: Mapping[str, int],
     rejected_elsewhere: RejectedElsewhere,
     versions: Mapping[str, str],
     hardware: Hardware | None = None,
     parameters: Iterable[Parameters] = (),
 ) -> RunSummary:
-    """The summary of a run so far; `now_s` is the wall time up to which its pauses are counted."""
+    """The summary of a run so far; `recorded`: messages in its files, None: it has none; `wanted`:
+    those that were to be there; `now_s` is the wall time up to which its pauses are counted.
+    """
     judged = dict(evaluation)
     contacts = judged.pop("contacts")
     totals = dict(totals)
@@ -65,7 +68,7 @@ def build_summary(
         contacts=Contacts(count=count, list=contacts),
         **judged,
         **totals,
-        messages=_messages(counts, recorded, rejected_elsewhere),
+        messages=_messages(counts, recorded, wanted, rejected_elsewhere),
         versions=dict(versions),
         hardware=hardware,
         changed_settings=_changed(parameters),
@@ -110,7 +113,10 @@ def _pieces(value: Any, line: bytes) -> Iterator[bytes]:
 
 
 def _messages(
-    counts: Mapping[str, TopicCounts], recorded: Mapping[str, int], elsewhere: RejectedElsewhere
+    counts: Mapping[str, TopicCounts],
+    recorded: Mapping[str, int] | None,
+    wanted: Mapping[str, int],
+    elsewhere: RejectedElsewhere,
 ) -> dict[str, TopicMessages]:
     rejected: dict[str, dict[str, int]] = {}
     for topic, seen in counts.items():
@@ -118,14 +124,22 @@ def _messages(
             rejected.setdefault(topic, {})[f"recorder: {reason}"] = count
     for (service, topic, reason), count in elsewhere.items():
         rejected.setdefault(topic, {})[f"{service}: {reason}"] = count
-    return {
-        topic: TopicMessages(
-            sent=counts[topic].sent if topic in counts else None,
-            received=counts[topic].received if topic in counts else None,
-            lost=counts[topic].lost if topic in counts else None,
-            recorded=recorded.get(topic, 0) if recorded and topic in counts else None,
-            rejected=sum(rejected.get(topic, {}).values()),
-            rejected_by=dict(sorted(rejected.get(topic, {}).items())),
-        )
-        for topic in dict.fromkeys((*counts, *rejected))
-    }
+    rows = {}
+    for topic in dict.fromkeys((*counts, *rejected)):
+        by = rejected.get(topic, {})
+        row = TopicMessages(
+            sent=None, received=None, lost=None, recorded=None,
+            rejected=sum(by.values()), rejected_by=dict(sorted(by.items())),
+        )  # fmt: skip
+        known = counts.get(topic)
+        if known is not None:
+            # Of a topic of a run before, the latched message belongs to this one as well.
+            received = known.received if recorded is None else wanted.get(topic, 0)
+            row = row.model_copy(update={
+                "sent": max(known.sent, received + known.lost),
+                "received": received,
+                "lost": known.lost,
+                "recorded": None if recorded is None else recorded.get(topic, 0),
+            })  # fmt: skip
+        rows[topic] = row
+    return rows

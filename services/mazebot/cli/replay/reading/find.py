@@ -7,7 +7,7 @@ from pathlib import Path
 from mazebot.cli.replay.reading.recording import Recording
 from mazebot.common.config import ConfigError
 from mazebot.common.files.reading import NotReadableError, open_regular, reason
-from mazebot.common.recordings.catalog import LATEST, find_run
+from mazebot.common.recordings.catalog import LATEST, find_run, run_at
 from mazebot.common.recordings.mcap.mcap_records import McapError
 from mazebot.common.recordings.mcap.mcap_scan import scan
 from mazebot.common.recordings.run_folder import CONFIG, MESSAGES, SUMMARY, parts_of
@@ -43,7 +43,10 @@ def _open_folder(folder: Path, slam: bool) -> Recording:
     if parts:
         from mazebot.cli.replay.reading.run_messages import open_run  # noqa: PLC0415
 
-        return open_run(folder.resolve().name, parts)
+        recording = open_run(folder.resolve().name, parts)
+        run = run_at(folder)
+        recording.gap = run.gap if run is not None else ""
+        return recording
     # Its libraries load only where there is a bag.
     from mazebot.cli.bags.bag import METADATA, is_bag  # noqa: PLC0415
 
@@ -70,7 +73,10 @@ def _open_file(path: Path, slam: bool) -> Recording:
     if begin.startswith(_MCAP) and _is_run(path):
         from mazebot.cli.replay.reading.run_messages import open_run  # noqa: PLC0415
 
-        return open_run(path.stem, [path])
+        recording = open_run(path.stem, [path])
+        run = run_at(path.parent) if path == path.parent / MESSAGES else None
+        recording.gap = run.gap if run is not None else ""
+        return recording
     from mazebot.cli.replay.reading.bag_messages import open_bag  # noqa: PLC0415
 
     return open_bag(path, slam)

@@ -37,6 +37,8 @@ class Recording:
     """Messages that are left out, by topic and reason; complete when all have been read."""
     left_out: dict[str, str] = field(default_factory=dict)
     """Topics that are left out as a whole, each with the reason."""
+    gap: str = ""
+    """What of the run was not recorded, in words; empty: nothing that is known of."""
     clock_set_back: int = 0
     """How often its clock was set back; complete when all has been read."""
 

@@ -75,6 +75,8 @@ def report_html(folder: Path, series: RunSeries | None, problem: str = "") -> st
     if run.state != "ended":
         why = "has not ended" if run.state == "running" else "was interrupted: its recorder died"
         notices.append(f"This run {why}; the report shows its latest {SUMMARY}.")
+    if run.gap:
+        notices.append(f"The disk had no room for all of it: {run.gap}.")
     content: dict[str, Any] = {}
     for part in (_from_summary, _from_config):
         try:

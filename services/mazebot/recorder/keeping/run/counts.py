@@ -16,7 +16,12 @@ if TYPE_CHECKING:
 class MessageCounts:
     """Counts the messages of a run over all its recorders, and recognises those taken before."""
 
-    def __init__(self) -> None:
+    def __init__(self, before: Mapping[str, TopicCounts] | None = None) -> None:
+        """`before`: what this recorder had counted when the run began."""
+        self._before = {
+            topic: TopicCounts(counts.received, counts.sent, counts.lost, counts.rejected)
+            for topic, counts in (before or {}).items()
+        }
         self.taken: dict[str, dict[str, int]] = {}
         """By topic and source, the last sequence number, of topics with delivery EVERY."""
         self.ours: Mapping[str, TopicCounts] = {}
@@ -38,7 +43,10 @@ class MessageCounts:
 
     def totals(self) -> dict[str, TopicCounts]:
         """Message counts by topic, including those of the previous recorder."""
-        counts = dict(self.ours)
+        counts = {
+            topic: _since(self._before.get(topic, TopicCounts()), counts)
+            for topic, counts in self.ours.items()
+        }
         for topic, (received, sent, lost, rejected) in self._previous.items():
             ours = counts.get(topic, TopicCounts())
             counts[topic] = TopicCounts(
@@ -62,3 +70,13 @@ class MessageCounts:
         """Continue from the previous recorder's `values()` and `taken`."""
         self._previous = values
         self.taken = {topic: dict(numbers) for topic, numbers in taken.items()}
+
+
+def _since(before: TopicCounts, now: TopicCounts) -> TopicCounts:
+    return TopicCounts(
+        now.received - before.received,
+        now.sent - before.sent,
+        now.lost - before.lost,
+        now.rejected - before.rejected,
+        now.last_sequence,
+    )

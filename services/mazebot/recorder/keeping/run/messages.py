@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -51,11 +52,24 @@ class RunMessages:
         self._is_logged = False
         """Whether it is known already why the file cannot be written."""
         self._recorded: Mapping[str, int] = {}
+        self.wanted = Counter(topic.name for topic, _ in self._head())
+        """Messages of the run so far, by topic, whether there was room for them or not."""
 
     @property
-    def recorded(self) -> Mapping[str, int]:
-        """Messages in the files so far, by topic."""
+    def is_kept(self) -> bool:
+        """Whether there is to be a file."""
+        return self._config.record and self._config.messages
+
+    @property
+    def recorded(self) -> Mapping[str, int] | None:
+        """Messages in the files so far, by topic; None: there are to be no files."""
+        if not self.is_kept:
+            return None
         return self._log.recorded() if self._log is not None else self._recorded
+
+    def restore(self, wanted: Mapping[str, int]) -> None:
+        """Go on with the run of a recorder that has died, which had so many messages."""
+        self.wanted = Counter(wanted)
 
     def begin(self, folder: RunFolder, properties: Mapping[str, str], now_ns: int) -> None:
         """Begin the file with the latched messages, or go on with it with those that it lacks.
@@ -63,7 +77,7 @@ class RunMessages:
         Raises RecordingError if it cannot be written.
         """
         config, name = self._config, folder.path.name
-        if self._log is not None or not (config.record and config.messages):
+        if self._log is not None or not self.is_kept:
             return
         about = {
             "mazebot": {"run": name, **properties},
@@ -76,12 +90,15 @@ class RunMessages:
         except RecordingError as error:
             raise RecordingError(f"{folder.message_part(part)}: {error}") from error
         self._log = log
+        # What a recorder that died has written after it last kept its progress.
+        self.wanted |= Counter(log.recorded())
         for topic, taken in list(self._head() if log.is_new else self._missed):
             log.add_latched(topic, taken, now_ns)
         self._missed.clear()
 
     def add(self, topic: Topic[Any], taken: Taken, now_ns: int) -> None:
         """Record a message, and show it in Foxglove."""
+        self.wanted[topic.name] += 1
         log, foxglove = self._log, self._foxglove
         compressed = None
         if topic is CAMERA_IMAGE and self._config.pictures == "jpeg":

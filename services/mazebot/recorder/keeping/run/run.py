@@ -77,9 +77,11 @@ class Run:
         world: doc.World,
         now_ns: int,
         progress: Progress | None = None,
+        before: Mapping[str, TopicCounts] | None = None,
     ) -> None:
         """`make_folder` is called again if the run's folder is removed; with `progress` the run is
-        resumed from there. Raises OSError if no folder can be created.
+        resumed from there; `before`: what the recorder had counted in earlier runs. Raises OSError
+        if no folder can be created.
         """
         self.world = world
         self.folder = make_folder()
@@ -89,7 +91,7 @@ class Run:
         self._setting = setting
         self._judge = RunJudge(world, setting)
         self._evaluation = self._judge.evaluation
-        self._counts = MessageCounts()
+        self._counts = MessageCounts(before)
         self._digests = self._open_digests()
         self._pictures = Pictures(setting.config.jpeg_quality)
         self.messages = RunMessages(
@@ -169,6 +171,7 @@ class Run:
             "rebuilds": self._judge.rebuilds,
             "wall_time": asdict(self._judge.wall_time),
             "counts": self._counts.values(),
+            "wanted": dict(self.messages.wanted),
         }
         verdict, arrays = self._evaluation.state()
         progress = Progress(
@@ -190,6 +193,12 @@ class Run:
         self._end = self._setting.wall_clock_s(), progress.time_ns
         self._known = progress.source, progress.epoch
         self._counts.restore(run["counts"], progress.taken)
+        self.messages.restore(run["wanted"])
+
+    @property
+    def counted(self) -> Mapping[str, TopicCounts]:
+        """All messages that this recorder has counted, in earlier runs as well."""
+        return self._counts.ours
 
     def evaluation(self) -> doc.Evaluation:
         """The evaluation of the run so far, against the ground truth."""
@@ -351,6 +360,7 @@ class Run:
             totals=self._evaluation.totals(),
             counts=self._counts.totals(),
             recorded=self.messages.recorded,
+            wanted=self.messages.wanted,
             rejected_elsewhere=self._judge.rejected,
             versions=self._setting.versions,
             hardware=self._setting.hardware,
