@@ -31,7 +31,7 @@ def diff_runs(directory: Path, first: str, second: str, as_json: bool = False) -
         raise ConfigError(f"diff: {error}") from error
     code = 1 if comparison.differences else 0
     runs = [run_at(folder) for folder in folders]
-    still = [run is not None and not run.closed for run in runs]
+    still = [run is not None and run.state != "ended" for run in runs]
     if as_json:
         one, other = settings
         differing = {

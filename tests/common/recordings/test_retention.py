@@ -60,8 +60,8 @@ def test_the_oldest_go_first(kept: Kept, days: list[int]) -> None:
 @pytest.mark.parametrize(
     "fields",
     [
-        {"state": "running"},
-        {"state": "interrupted"},
+        {"state": "running", "closed": False},
+        {"state": "interrupted", "closed": False},
         {"tags": ("a", "keep")},
         {"labels_unreadable": True},
     ],
@@ -70,6 +70,11 @@ def test_some_always_stay(fields: dict[str, object]) -> None:
     runs = [run(5, **fields), run(4)]
     for kept in (Kept(days=1), Kept(gib=0), Kept(last=0)):
         assert [one.name for one in to_delete(runs, kept, NOW)] == ["day_4"]
+
+
+def test_a_killed_run_that_was_repaired_goes_as_any_other() -> None:
+    killed = run(5, state="interrupted")
+    assert to_delete([killed], Kept(days=1), NOW) == [killed]
 
 
 def test_a_run_is_deleted_in_full(tmp_path: Path) -> None:

@@ -100,7 +100,7 @@ _VIEWER = f"""
 alive, the folder also contains a locked file `{LOCK}`.
 
 A run whose recorder was killed is `interrupted`, and stays so when its files have been repaired: it
-counts as failed, a goal that was under way as not reached, and no limit deletes it. Where the disk
+counts as failed, and a goal that was under way as not reached. Where the disk
 had no room for all messages, or a recorder has died and another went on with the run, `list`,
 `info`, `compare`, the report and the console say how many of them `{MESSAGES}` holds.
 
@@ -140,7 +140,8 @@ _COMMANDS = (
     (
         "prune",
         "deletes the runs beyond `--keep-days`, `--keep-gb` and `--keep-last`, after asking; "
-        f"`--dry-run` only lists them. A run that has not ended, or with the tag `{KEEP}`, stays. "
+        "`--dry-run` only lists them. A run that is being recorded or is yet to be repaired, or with "
+        f"the tag `{KEEP}`, stays. "
         "The recorder does the same by itself with `keep_days` and `keep_gib` "
         "([parameters](parameters.md))",
     ),

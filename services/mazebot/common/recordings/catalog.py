@@ -68,7 +68,9 @@ class RecordingInfo:
     recording: Path | None
     """The run.rrd, if there is one."""
     closed: bool
-    """Whether the run was ended; else it is being recorded, or its recorder was killed."""
+    """Whether its files are; else it is being recorded, or its recorder was killed and the next one
+    has yet to repair it or to go on with it.
+    """
     state: State = "ended"
     """`interrupted`: its recorder was killed, whether it was repaired or not."""
     seed: int | None = None
@@ -333,7 +335,7 @@ def _info(path: Path, files: Mapping[str, _File], values: Mapping[str, Any]) -> 
         started=_started(match[1] if match else "", files),
         size_bytes=sum(file.size_bytes for file in files.values()),
         recording=path / RECORDING if RECORDING in files else None,
-        closed=state == "ended",
+        closed=not is_locked,
         state=state,
         files=tuple(sorted(name for name in files if "/" not in name and name[0] != ".")),
         **fields,

@@ -35,8 +35,9 @@ class Kept(NamedTuple):
 
 
 def to_delete(runs: Sequence[RecordingInfo], kept: Kept, now: datetime) -> list[RecordingInfo]:
-    """The runs beyond what is to be kept, oldest first. Never one that has not ended, nor one with
-    the tag `keep`, nor one whose labels cannot be read; `runs` are in any order.
+    """The runs beyond what is to be kept, oldest first. Never one that is being recorded or is yet
+    to be repaired, nor one with the tag `keep`, nor one whose labels cannot be read; `runs` are in
+    any order.
     """
     if kept.is_all:
         return []
@@ -46,7 +47,7 @@ def to_delete(runs: Sequence[RecordingInfo], kept: Kept, now: datetime) -> list[
     size_bytes = sum(run.size_bytes for run in runs)
     doomed = []
     for run in oldest_first:
-        if run.name in spared or run.state != "ended" or KEEP in run.tags or run.labels_unreadable:
+        if run.name in spared or not run.closed or KEEP in run.tags or run.labels_unreadable:
             continue
         is_old = (
             kept.days is not None
