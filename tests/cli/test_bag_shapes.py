@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import functools
 import shutil
+import sqlite3
 from collections import Counter
 from collections.abc import Callable, Iterable
+from contextlib import closing
 from pathlib import Path
 from typing import Any, Literal
 
@@ -234,6 +236,26 @@ def test_an_mcap_file_that_is_cut(tmp_path: Path, form: str, share: float) -> No
     log, counts = logged(cut), replayed(cut)
     assert 0 < log.scans == counts["/scan"] <= STEPS
     assert 0 < len(ways(log)) == counts["/odom"] <= STEPS
+
+
+def test_what_is_in_a_write_ahead_log_is_read_and_stays_there(tmp_path: Path) -> None:
+    """As `ros2 bag record --storage-preset-profile resilient` leaves it where it is killed."""
+    bag = write_rosbag2(tmp_path / "bag", SCAN_AND_ODOM, StoragePlugin.SQLITE3)
+    (file,) = bag.glob("*.db3")
+    left = tmp_path / "left.db3"
+    with closing(sqlite3.connect(file)) as database:
+        database.execute("PRAGMA journal_mode = WAL")
+        rows = database.execute("SELECT * FROM messages WHERE id > 50").fetchall()
+        database.execute("DELETE FROM messages WHERE id > 50")
+        database.commit()
+        database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        database.executemany(f"INSERT INTO messages VALUES ({','.join('?' * len(rows[0]))})", rows)
+        database.commit()
+        for ending in ("", "-wal"):
+            shutil.copy(f"{file}{ending}", f"{left}{ending}")
+    before = {one.name: one.read_bytes() for one in tmp_path.glob("left*")}
+    assert_whole(left)
+    assert {one.name: one.read_bytes() for one in tmp_path.glob("left*")} == before
 
 
 def test_other_damage_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -5,6 +5,7 @@ one that was not closed: without metadata.yaml, or cut.
 from __future__ import annotations
 
 import heapq
+import shutil
 import sys
 import tempfile
 from collections.abc import Callable, Collection, Iterator, Sequence
@@ -183,7 +184,8 @@ def _open(file: Path, name: str, stack: ExitStack, warn: _Warn) -> _Storage:
         with open_regular(inside) as begun:
             begin = begun.read(len(_SQLITE_MAGIC))
         if begin == _SQLITE_MAGIC:
-            return SqliteBag(inside)
+            copy = _copied_with_wal(inside, stack)
+            return SqliteBag(copy or inside, has_wal=copy is not None)
         bag: McapBag | Ros1Bag
         if begin.startswith(_MCAP_MAGIC):
             bag = McapBag(inside)
@@ -212,6 +214,20 @@ def _unpacked(file: Path, stack: ExitStack) -> Path:
                 raise NotReadableError(f"grows to more than {most} bytes")
             unpacked.write(piece)
     return inside
+
+
+def _copied_with_wal(file: Path, stack: ExitStack) -> Path | None:
+    """A copy of a database whose last messages are still in a write-ahead log beside it, with that:
+    whoever opens it, writes them into the database. None: there are none.
+    """
+    log = file.with_name(f"{file.name}-wal")
+    if not log.exists() or not log.stat().st_size:
+        return None
+    folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="mazebot-bag-")))
+    for source in (file, log):
+        with open_regular(source) as found, (folder / source.name).open("wb") as written:
+            shutil.copyfileobj(found, written)
+    return folder / file.name
 
 
 def _plain(data: bytes) -> bytes:

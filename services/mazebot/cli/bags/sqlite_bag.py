@@ -27,9 +27,11 @@ class SqliteBag:
     Raises sqlite3.Error where it is damaged, or no such file.
     """
 
-    def __init__(self, path: Path) -> None:
-        # Nobody writes, so neither locks nor a journal are needed.
-        self._uri = f"file:{quote(str(path.resolve()))}?immutable=1"
+    def __init__(self, path: Path, has_wal: bool = False) -> None:
+        """`has_wal`: beside it is a write-ahead log, which is written into the file."""
+        # Nobody else writes, so neither locks nor a journal are needed.
+        how = "mode=rw" if has_wal else "immutable=1"
+        self._uri = f"file:{quote(str(path.resolve()))}?{how}"
         with closing(self._connected()) as database:
             tables = _tables(database)
             definitions: dict[str, MessageDefinition] = {}
