@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import StoragePlugin, Writer
 
@@ -346,6 +347,49 @@ def drives_on(log: Log) -> bool:
     return ways == sorted(ways) and [one.scan is None for one in log.entries] == [
         one % 2 == 0 for one in range(len(log.entries))
     ]
+
+
+def put_together(folder: Path, parts: Iterable[Path]) -> Path:
+    """The messages of several bags in one."""
+    with AnyReader([*parts]) as reader:
+        messages = [(one, log_ns, bytes(data)) for one, log_ns, data in reader.messages()]
+    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connections: dict[str, Connection] = {}
+        for one, log_ns, data in messages:
+            if one.topic not in connections:
+                connections[one.topic] = writer.add_connection(
+                    one.topic, one.msgtype, typestore=msg.TYPESTORE
+                )
+            writer.write(connections[one.topic], log_ns, data)
+    return folder
+
+
+def test_transforms_of_the_scans_own_namespace_come_before_those_without(tmp_path: Path) -> None:
+    moving = ("odom", "base_footprint")
+    bare = write(tmp_path / "bare", [Link("base_footprint", "base_scan", (0.3, 0.0, 0.2))],
+                 frames=(), moving=moving, stamps_ns=[5 * STEP_NS] * 30)  # fmt: skip
+    own = write(tmp_path / "own", space="/robot1", moving=moving)
+    log = read(put_together(tmp_path / "both", (bare, own)), Topics(scan="/robot1/scan"))
+    assert drives_on(log)
+    assert scans_of(log)[0].base_from_scan == pytest.approx(SE2(-0.03, 0.01, 0.0))
+    # What is missing there is taken from those without.
+    own = write(tmp_path / "scans", (), space="/robot1", moving=moving)
+    log = read(put_together(tmp_path / "mounted", (bare, own)), Topics(scan="/robot1/scan"))
+    assert drives_on(log)
+    assert scans_of(log)[0].base_from_scan == pytest.approx(SE2(0.3, 0.0, 0.0))
+
+
+def test_what_carries_the_lidar_is_its_robot(tmp_path: Path) -> None:
+    """In the order of the bag the other robot is first, and tells its pose more often."""
+    other = write(tmp_path / "other", frames=(), moving=("robot2_odom", "robot2_base"),
+                  stamps_ns=[5 * STEP_NS] * 30)  # fmt: skip
+    link = Link("robot1_base", "robot1_scan", (-0.1, 0.0, 0.2))
+    own = write(
+        tmp_path / "own", [link], frames=("robot1_scan",), moving=("robot1_odom", "robot1_base")
+    )
+    log = read(put_together(tmp_path / "both", (other, own)))
+    assert drives_on(log)
+    assert len(log.entries) == 40
 
 
 def test_poses_that_become_infinite_at_the_base_are_left_out(tmp_path: Path) -> None:

@@ -72,6 +72,8 @@ class _Found:
     odometry: list[_Told] = field(default_factory=list)
     transforms: dict[tuple[str, str], list[_Told]] = field(default_factory=dict)
     """Of what moves as the robot does, by its parent and itself."""
+    are_moves_settled: bool = False
+    """Add nothing to these any more."""
     frames: FixedFrames = field(default_factory=FixedFrames)
     without_number: int = 0
     """Poses of odometry that are not finite."""
@@ -90,26 +92,34 @@ class _Found:
     @property
     def poses(self) -> list[_Told]:
         """Those of odometry's topic, or else of `/tf`."""
-        return self.odometry or _of_robot(self.transforms, self.lidars)
+        return self.odometry or _of_robot(self.transforms, self.lidars, self.frames)
+
+    def settle(self) -> None:
+        """What there is of transforms is no more changed by what comes."""
+        self.frames.settle()
+        self.are_moves_settled = bool(self.transforms)
 
 
 def read(path: Path, form: ScanForm, topics: Topics) -> Log:
     """Read scans and odometry, the latter from `/tf` where the bag has none on its own topic. Of
-    the scans' form, the limits of the ranges may be given.
+    the scans' form, the limits of the ranges may be given. The transforms are those of the scans'
+    own namespace, and beyond them the ones that have none: these may be another robot's.
 
     Raises ConfigError with one line that names file and topic, and what is wrong.
     """
     found = _Found(form)
-    spaces = {"", topics.scan.rstrip("/").rpartition("/")[0]}
-    moving, static = ({f"{space}{name}" for space in spaces} for name in (_MOVING, _STATIC))
-    types = {topics.odom: _ODOMETRY, topics.scan: _SCAN, **dict.fromkeys(static, _TRANSFORMS)}
+    types = {topics.odom: _ODOMETRY, topics.scan: _SCAN}
     with opened(path, "--log") as bag:
-        _take(found, bag, path, types, static)
-        places = _places(path, found)
-        are_missing = not places.are_known and moving & bag.topics_of(_TRANSFORMS)
-        if not found.odometry or are_missing:
-            _take(found, bag, path, dict.fromkeys(moving, _TRANSFORMS), static)
-            places = _places(path, found)
+        for space in dict.fromkeys((topics.scan.rstrip("/").rpartition("/")[0], "")):
+            moving, static = f"{space}{_MOVING}", f"{space}{_STATIC}"
+            _take(found, bag, path, {**types, static: _TRANSFORMS}, static)
+            places, types = _places(path, found), {}
+            if (not found.poses or not places.are_known) and moving in bag.topics_of(_TRANSFORMS):
+                _take(found, bag, path, {moving: _TRANSFORMS}, static)
+                places = _places(path, found)
+            if found.poses and places.are_known:
+                break
+            found.settle()
         # First, for it may be why a topic has no messages.
         for file, what in bag.damaged.items():
             sys.stderr.write(f"warning: --log: {words(path)}: left out: {words(file)}: {what}\n")
@@ -207,17 +217,26 @@ def _mounted(scan: LoggedScan, mount: Mount | None) -> LoggedScan:
 
 
 def _of_robot(
-    transforms: Mapping[tuple[str, str], list[_Told]], lidars: Collection[str]
+    transforms: Mapping[tuple[str, str], list[_Told]],
+    lidars: Collection[str],
+    frames: FixedFrames,
 ) -> list[_Told]:
     """The poses of the robot that has these lidars, in odometry's frame where it has one."""
     if not transforms:
         return []
+    carriers = {above for frame in lidars for above in frames.above(frame)}
     prefixes = {frame.rpartition("/")[0] for frame in lidars}
 
-    def rank(ends: tuple[str, str]) -> tuple[bool, bool, bool, int]:
+    def rank(ends: tuple[str, str]) -> tuple[bool, bool, bool, bool, int]:
         parent, child = ends
         is_own, is_base = child.rpartition("/")[0] in prefixes, last_part(child) in BASES
-        return is_own, is_base, "odom" in last_part(parent), len(transforms[ends])
+        return (
+            child in carriers,
+            is_own,
+            is_base,
+            "odom" in last_part(parent),
+            len(transforms[ends]),
+        )
 
     return transforms[max(transforms, key=rank)]
 
@@ -280,10 +299,8 @@ def _names(topics: Iterable[str]) -> str:
     return ", ".join(sorted(topics))
 
 
-def _take(
-    found: _Found, bag: Bag, path: Path, types: Mapping[str, str], static: Collection[str]
-) -> None:
-    """Read some topics, given with their types."""
+def _take(found: _Found, bag: Bag, path: Path, types: Mapping[str, str], static: str) -> None:
+    """Read some topics, given with their types; the transforms of one of them are `static`."""
     wanted = [connection for connection in bag.connections if connection.topic in types]
     for connection in wanted:
         if connection.msgtype != types[connection.topic]:
@@ -296,7 +313,7 @@ def _take(
     for connection, log_ns, data in bag.messages(wanted):
         message = _decoded(path, connection, data)
         if connection.msgtype == _TRANSFORMS:
-            _add_transforms(found, log_ns, message, is_static=connection.topic in static)
+            _add_transforms(found, log_ns, message, is_static=connection.topic == static)
         elif connection.msgtype == _ODOMETRY:
             _add_pose(found, log_ns, message)
         else:
@@ -325,6 +342,8 @@ def _add_transforms(found: _Found, log_ns: int, message: Any, is_static: bool) -
         elif last_part(parent) not in BASES and (
             last_part(child) in BASES or "odom" in last_part(parent)
         ):
+            if found.are_moves_settled:
+                continue
             stamp_ns = msg.ns_from_time(transform.header.stamp)
             poses = found.transforms.setdefault((parent, child), [])
             poses.append(_Told(log_ns, stamp_ns, _Moved(child, matrix)))

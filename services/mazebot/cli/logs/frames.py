@@ -25,20 +25,30 @@ class FixedFrames:
 
     def __init__(self) -> None:
         self._parents: dict[str, tuple[str, Array]] = {}
+        self._settled: frozenset[str] = frozenset()
+
+    def settle(self) -> None:
+        """Replace none of the present transforms any more."""
+        self._settled = frozenset(self._parents)
 
     def fix(self, child: str, parent: str, parent_from_child: Array) -> None:
         """A rigid (4, 4) transform; a newer one replaces it."""
-        self._parents[child] = parent, parent_from_child
+        if child not in self._settled:
+            self._parents[child] = parent, parent_from_child
 
     def fix_first(self, child: str, parent: str, parent_from_child: Array) -> None:
         """The same, unless there is one already."""
         self._parents.setdefault(child, (parent, parent_from_child))
 
+    def above(self, frame: str) -> list[str]:
+        """A frame and those that it is fixed in, the nearest first."""
+        return [name for name, _ in self._above(frame)]
+
     def base_of(self, frame: str) -> str | None:
         """The base that a frame is fixed to: base_footprint, or base_link where that is in no
         base_footprint; None: neither.
         """
-        above = [name for name, _ in self._above(frame)]
+        above = self.above(frame)
         named = [[one for one in above if last_part(one) == base] for base in BASES]
         return next((ones[-1] for ones in named if ones), None)
 
