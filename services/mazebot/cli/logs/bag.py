@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import statistics
 import sys
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -15,6 +14,7 @@ import numpy as np
 from mazebot.cli.bags.bag import Bag, opened, problem_of
 from mazebot.cli.logs.frames import FixedFrames, last_part
 from mazebot.cli.logs.log import BASES, Entry, Log, LoggedScan, ScanForm, Topics
+from mazebot.cli.logs.stamps import Told, times_ns
 from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import SE2, Array, se2_from_matrix
 from mazebot.common.messages import messages as msg
@@ -24,18 +24,8 @@ from mazebot.common.problems import words
 _MOVING, _STATIC = "/tf", "/tf_static"
 _ODOMETRY, _SCAN = "nav_msgs/msg/Odometry", "sensor_msgs/msg/LaserScan"
 _TRANSFORMS = "tf2_msgs/msg/TFMessage"
-_SET_BACK_NS = 1_000_000_000
-"""A topic whose stamps go back by more, and on from there: its clock was set back."""
 _AFTER_NS = 1_000
 """A scan comes so much after that of another lidar with the same stamp: times are unique."""
-
-
-class _Told(NamedTuple):
-    """A message: when it was logged, its stamp, 0 for none, and what it says."""
-
-    log_ns: int
-    stamp_ns: int
-    says: Any
 
 
 class _Moved(NamedTuple):
@@ -68,9 +58,9 @@ class _Found:
 
     form: ScanForm
     """What is given of the scans."""
-    scans: list[_Told] = field(default_factory=list)
-    odometry: list[_Told] = field(default_factory=list)
-    transforms: dict[tuple[str, str], list[_Told]] = field(default_factory=dict)
+    scans: list[Told] = field(default_factory=list)
+    odometry: list[Told] = field(default_factory=list)
+    transforms: dict[tuple[str, str], list[Told]] = field(default_factory=dict)
     """Of what moves as the robot does, by its parent and itself."""
     are_moves_settled: bool = False
     """Add nothing to these any more."""
@@ -90,7 +80,7 @@ class _Found:
         return sorted({told.says.frame_id for told in self.scans})
 
     @property
-    def poses(self) -> list[_Told]:
+    def poses(self) -> list[Told]:
         """Those of odometry's topic, or else of `/tf`."""
         return self.odometry or _of_robot(self.transforms, self.lidars, self.frames)
 
@@ -142,19 +132,16 @@ def read(path: Path, form: ScanForm, topics: Topics) -> Log:
 
 def _log(found: _Found, places: _Places) -> Log:
     poses, mounts = found.poses, places.mounts
-    steps_ns: list[int] = []
-    lag_ns = _lag_ns([*poses, *found.scans])
+    (pose_times_ns, scan_times_ns), set_back = times_ns((poses, found.scans))
     moved = [_odom_from_base(told.says, places) for told in poses]
     entries = [
         Entry(time_ns, odom_from_base, None)
-        for time_ns, odom_from_base in zip(_times_ns(poses, lag_ns, steps_ns), moved, strict=True)
+        for time_ns, odom_from_base in zip(pose_times_ns, moved, strict=True)
         if _is_finite(odom_from_base)
     ]
     left_out = len(poses) - len(entries)
     scans: list[LoggedScan] = [told.says for told in found.scans]
-    times_ns = _one_by_one(
-        _times_ns(found.scans, lag_ns, steps_ns), [scan.frame_id for scan in scans]
-    )
+    times_ns = _one_by_one(scan_times_ns, [scan.frame_id for scan in scans])
     entries += [
         Entry(time_ns, None, _mounted(scan, mounts[scan.frame_id]))
         for time_ns, scan in zip(times_ns, scans, strict=True)
@@ -163,7 +150,7 @@ def _log(found: _Found, places: _Places) -> Log:
     return Log(
         entries,
         unstamped=sum(not told.stamp_ns for told in found.scans),
-        clock_set_back=len(steps_ns),
+        clock_set_back=set_back,
         odometry_left_out=found.without_number + left_out,
         scans_left_out=found.without_direction,
         scans_without_limits=found.without_limits,
@@ -217,10 +204,10 @@ def _mounted(scan: LoggedScan, mount: Mount | None) -> LoggedScan:
 
 
 def _of_robot(
-    transforms: Mapping[tuple[str, str], list[_Told]],
+    transforms: Mapping[tuple[str, str], list[Told]],
     lidars: Collection[str],
     frames: FixedFrames,
-) -> list[_Told]:
+) -> list[Told]:
     """The poses of the robot that has these lidars, in odometry's frame where it has one."""
     if not transforms:
         return []
@@ -239,35 +226,6 @@ def _of_robot(
         )
 
     return transforms[max(transforms, key=rank)]
-
-
-def _lag_ns(messages: Iterable[_Told]) -> int:
-    """By what the clock of logging is ahead of the stamps."""
-    lags = [told.log_ns - told.stamp_ns for told in messages if told.stamp_ns]
-    return statistics.median_low(lags) if lags else 0
-
-
-def _times_ns(series: list[_Told], lag_ns: int, steps_ns: list[int]) -> list[int]:
-    """The times of a topic's messages: their stamps, or where they have none the time of logging.
-
-    After its clock was set back they go on from there, as much later as they were logged: by
-    `steps_ns`, which are those of the bag, and of which new ones are added.
-    """
-    own_ns = [told.stamp_ns or told.log_ns - lag_ns for told in series]
-    times_ns: list[int] = []
-    newest_ns, moved_ns, steps = None, 0, 0
-    for i, time_ns in enumerate(own_ns):
-        # A single one that comes late is no clock that was set.
-        next_ns = own_ns[i + 1] if i + 1 < len(own_ns) else time_ns
-        if newest_ns is not None and max(time_ns, next_ns) + moved_ns < newest_ns - _SET_BACK_NS:
-            if steps == len(steps_ns):
-                passed_ns = max(series[i].log_ns - series[i - 1].log_ns, 1)
-                steps_ns.append(newest_ns + passed_ns - (time_ns + moved_ns))
-            moved_ns += steps_ns[steps]
-            steps += 1
-        times_ns.append(time_ns + moved_ns)
-        newest_ns = max(times_ns[-1], times_ns[-1] if newest_ns is None else newest_ns)
-    return times_ns
 
 
 def _one_by_one(times_ns: Iterable[int], lidars: Iterable[str]) -> list[int]:
@@ -346,7 +304,7 @@ def _add_transforms(found: _Found, log_ns: int, message: Any, is_static: bool) -
                 continue
             stamp_ns = msg.ns_from_time(transform.header.stamp)
             poses = found.transforms.setdefault((parent, child), [])
-            poses.append(_Told(log_ns, stamp_ns, _Moved(child, matrix)))
+            poses.append(Told(log_ns, stamp_ns, _Moved(child, matrix)))
         else:
             # Where nothing latches, fixed transforms come again and again.
             found.frames.fix_first(child, parent, matrix)
@@ -357,7 +315,7 @@ def _add_pose(found: _Found, log_ns: int, message: Any) -> None:
     if not _is_finite(se2_from_matrix(moved.odom_from_frame)):
         found.without_number += 1
         return
-    found.odometry.append(_Told(log_ns, msg.ns_from_time(message.header.stamp), moved))
+    found.odometry.append(Told(log_ns, msg.ns_from_time(message.header.stamp), moved))
 
 
 def _add_scan(found: _Found, log_ns: int, message: Any) -> None:
@@ -380,4 +338,4 @@ def _add_scan(found: _Found, log_ns: int, message: Any) -> None:
         float(longest_m),
         message.header.frame_id.lstrip("/"),
     )
-    found.scans.append(_Told(log_ns, msg.ns_from_time(message.header.stamp), scan))
+    found.scans.append(Told(log_ns, msg.ns_from_time(message.header.stamp), scan))
