@@ -2,15 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin
 
 from mazebot.cli.logs.log import Log
+from mazebot.cli.replay.reading.find import open_recording
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages import messages as msg
-from tests.cli.test_bag_shapes import BEGUN_NS, HUMBLE, LASER, MOVED, Logged, logged, write_mcap
+from mazebot.common.messages import wire
+from mazebot.common.messages.topics import SCAN
+from tests.cli import ros1
+from tests.cli.test_bag_shapes import (
+    BEGUN_NS,
+    HUMBLE,
+    LASER,
+    MOVED,
+    Logged,
+    logged,
+    write_mcap,
+    write_rosbag2,
+)
 
 SECOND_NS = 1_000_000_000
 ODOM_NS, ON_THE_WAY_NS = 50_000_000, 3_000_000
@@ -65,7 +80,9 @@ def assert_goes_on(log: Log, scan_ns: int = SECOND_NS) -> None:
     assert log.scans == LENGTH_NS // scan_ns
     assert len(log.entries) - log.scans == LENGTH_NS // ODOM_NS
     for one in log.entries:
-        true_s = one.odom_from_base.x_m if one.odom_from_base else float(one.scan.ranges_m[0])
+        true_s = one.odom_from_base.x_m if one.odom_from_base else 0.0
+        if one.scan:
+            true_s = float(one.scan.ranges_m[0])
         passed_ns = one.stamp_ns - log.entries[0].stamp_ns
         assert abs(passed_ns - true_s * SECOND_NS) < NEAR_NS
 
@@ -94,3 +111,84 @@ def test_stamps_of_another_clock_are_not_moved(tmp_path: Path) -> None:
     log = logged(write_mcap(tmp_path / "a.mcap", messages))
     assert log.clock_set_back == 1
     assert_goes_on(log)
+
+
+def as_mcap(path: Path, messages: Sequence[Logged]) -> Path:
+    return write_mcap(path.with_suffix(".mcap"), messages, chunk_size=10_000)
+
+
+def as_db3(path: Path, messages: Sequence[Logged]) -> Path:
+    return write_rosbag2(path, messages, StoragePlugin.SQLITE3)
+
+
+def as_several_files(path: Path, messages: Sequence[Logged]) -> Path:
+    """As a recorder splits them, the first with the time at which the clock was set back."""
+    cut = 2 * len(messages) // 3
+    bag = write_rosbag2(path, messages[:cut], StoragePlugin.MCAP)
+    (first,) = bag.glob("*.mcap")
+    write_mcap(bag / "a_second.mcap", messages[cut:])
+    about = bag / "metadata.yaml"
+    files = f"- {first.name}\n  - a_second.mcap"
+    about.write_text(about.read_text().replace(f"- {first.name}", files, 1))
+    return bag
+
+
+def as_ros_1(path: Path, messages: Sequence[Logged]) -> Path:
+    drive = []
+    for topic, kind, log_ns, data in messages:
+        told = HUMBLE.deserialize_cdr(data, kind)
+        stamp_ns = msg.ns_from_time(told.header.stamp)
+        if topic == "/scan":
+            message = ros1.scan(stamp_ns, told.ranges)[2]
+            message.range_max = 99.0
+        else:
+            message = ros1.odometry(stamp_ns, told.pose.pose.position.x)[2]
+        drive.append((topic, log_ns, message))
+    return ros1.write(path.with_suffix(".bag"), drive, chunk=10_000)
+
+
+KINDS = [as_mcap, as_db3, as_several_files, as_ros_1]
+
+
+@pytest.mark.parametrize("write", KINDS)
+@pytest.mark.parametrize("by_s", [1.5, 12.0, 3600.0])
+def test_a_robot_that_records_itself_and_whose_clock_is_set_back(
+    tmp_path: Path, write: Callable[[Path, Sequence[Logged]], Path], by_s: float
+) -> None:
+    clock = set_back((20.02, by_s))
+    log = logged(write(tmp_path / "a", drive(clock, clock)))
+    assert log.clock_set_back == 1
+    assert_goes_on(log)
+
+
+@pytest.mark.parametrize("write", KINDS)
+def test_a_replay_goes_on_with_its_time_and_its_stamps(
+    tmp_path: Path, write: Callable[[Path, Sequence[Logged]], Path]
+) -> None:
+    clock = set_back((20.02, 12.0))
+    recording = open_recording(tmp_path, write(tmp_path / "a", drive(clock, clock)).name)
+    scans = 0
+    for one in recording.read():
+        if one.topic is SCAN:
+            scans += 1
+            scan = wire.decode(SCAN, one.data)
+            true_ns = float(scan.ranges[0]) * SECOND_NS
+            assert abs(one.time_ns - true_ns) < NEAR_NS
+            assert abs(msg.ns_from_time(scan.header.stamp) - true_ns) < NEAR_NS
+    assert scans == LENGTH_NS // SECOND_NS
+    assert recording.clock_set_back == 1
+    assert recording.end_ns == pytest.approx(LENGTH_NS, abs=SECOND_NS)
+
+
+@pytest.mark.parametrize("write", KINDS)
+def test_messages_in_any_order_of_writing_are_of_no_clock_that_was_set_back(
+    tmp_path: Path, write: Callable[[Path, Sequence[Logged]], Path]
+) -> None:
+    messages = drive(right)
+    fifth = len(messages) // 5
+    parts = [messages[i * fifth : (i + 1) * fifth] for i in (4, 0, 2, 1, 3)]
+    by_topic = sorted(messages, key=lambda one: one[0])
+    for number, order in enumerate(([one for part in parts for one in part], by_topic)):
+        log = logged(write(tmp_path / str(number), order))
+        assert log.clock_set_back == 0
+        assert_goes_on(log)

@@ -8,6 +8,7 @@ import heapq
 import shutil
 import sys
 import tempfile
+from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -17,6 +18,7 @@ import zstandard
 from rosbags.interfaces import Connection, ConnectionExtRosbag2
 
 from mazebot.cli.bags import ros1_bag
+from mazebot.cli.bags.log_clock import Move, Place, may_go_back, moves_of
 from mazebot.cli.bags.mcap_bag import McapBag
 from mazebot.cli.bags.ros1_bag import CDR, Ros1Bag
 from mazebot.cli.bags.sqlite_bag import SqliteBag
@@ -50,12 +52,19 @@ _Storage = McapBag | SqliteBag | Ros1Bag
 class Bag:
     """The topics of all files of a bag, and their messages by the time of logging."""
 
-    def __init__(self, name: str, storages: Sequence[tuple[Path, _Storage]]) -> None:
-        """`name` begins the line of an error."""
+    def __init__(
+        self, name: str, storages: Sequence[tuple[Path, _Storage]], is_one_series: bool = False
+    ) -> None:
+        """`name` begins the line of an error. `is_one_series`: one recorder wrote one file after
+        the other, in this order.
+        """
         self._name = name
+        self._is_one_series = is_one_series
         self._storages = storages
         self.damaged: dict[str, str] = {}
         """Files of which a part is left out, with the reason; complete when all has been read."""
+        self._moves: list[list[Move]] | None = None
+        """Of each file; None: not looked for yet."""
         self.connections: list[Connection] = []
         """Each with an id of its own: a topic has one for each file, and for each publisher."""
         self._own: list[tuple[int, Connection]] = []
@@ -76,6 +85,8 @@ class Bag:
         Raises ConfigError where they cannot be read.
         """
         chosen = self.connections if connections is None else connections
+        if self._moves is None:
+            self._moves = self._moves_of_all()
         series = [self._of(number, chosen) for number in range(len(self._storages))]
         yield from heapq.merge(*series, key=lambda message: message[1])
 
@@ -89,7 +100,8 @@ class Bag:
             if self._own[one.id][0] == number
         }
         try:
-            for own, log_ns, data in storage.messages([own for _, own in wanted.values()]):
+            owns, moves = [own for _, own in wanted.values()], (self._moves or {number: ()})[number]
+            for own, log_ns, data in storage.messages(owns, moves):
                 yield wanted[own.id][0], log_ns, _plain(bytes(data))
         except Exception as error:
             # Each storage has errors of its own.
@@ -102,8 +114,46 @@ class Bag:
 
     @property
     def end_ns(self) -> int:
-        """When the last message was logged; 0: there is none."""
-        return max((storage.end_ns for _, storage in self._storages), default=0)
+        """When the last message was logged; 0: there is none. It is known when messages have been
+        read.
+        """
+        moved_ns = [move.end_ns for moves in self._moves or () for move in moves]
+        return max((*moved_ns, *(storage.end_ns for _, storage in self._storages)), default=0)
+
+    @property
+    def moves_ns(self) -> list[int]:
+        """By how much later log times are than the files say, in some of their parts: all that the
+        recorder's clock was set back by until then. It is known when messages have been read.
+        """
+        return sorted({move.by_ns for moves in self._moves or () for move in moves})
+
+    def _moves_of_all(self) -> list[list[Move]]:
+        """How the log times of each file are moved. Raises ConfigError where it cannot be read."""
+        numbers = range(len(self._storages))
+        if self._is_one_series:
+            return self._moves_of(numbers)
+        return [moves for number in numbers for moves in self._moves_of([number])]
+
+    def _moves_of(self, numbers: Sequence[int]) -> list[list[Move]]:
+        if not may_go_back(span for one in numbers for span in self._storages[one][1].spans_ns):
+            return [[] for _ in numbers]
+        return moves_of([self._places(number) for number in numbers])
+
+    def _places(self, number: int) -> Iterator[tuple[tuple[str, int], Place]]:
+        """Each message of a file with its series: those of a topic by one publisher."""
+        path, storage = self._storages[number]
+        counts: Counter[str] = Counter()
+        series = {}
+        for connection in storage.connections:
+            series[connection.id] = connection.topic, counts[connection.topic]
+            counts[connection.topic] += 1
+        try:
+            for place in storage.places():
+                if place.connection in series:
+                    yield series[place.connection], place
+        except Exception as error:
+            # Each storage has errors of its own.
+            raise ConfigError(f"{self._name}: {path}: {_line(error)}") from error
 
 
 def problem_of(connection: Connection) -> str:
@@ -127,8 +177,8 @@ def opened(path: Path, name: str, warns: bool = True) -> Iterator[Bag]:
     """
     warn = _warn if warns else _say_nothing
     with ExitStack() as stack:
-        files = _files_of(path, name, warn) if path.is_dir() else [path]
-        yield Bag(name, [(file, _open(file, name, stack, warn)) for file in files])
+        files, are_listed = _files_of(path, name, warn) if path.is_dir() else ([path], True)
+        yield Bag(name, [(file, _open(file, name, stack, warn)) for file in files], are_listed)
 
 
 def is_bag(folder: Path) -> bool:
@@ -136,13 +186,14 @@ def is_bag(folder: Path) -> bool:
     return (folder / METADATA).is_file() or bool(_all_files(folder))
 
 
-def _files_of(folder: Path, name: str, warn: _Warn) -> list[Path]:
+def _files_of(folder: Path, name: str, warn: _Warn) -> tuple[list[Path], bool]:
+    """The files of a bag, and whether its metadata.yaml lists them in the order of writing."""
     why = f"has no {METADATA}"
     if (folder / METADATA).is_file():
         listed = _listed(folder)
         missing = [file.name for file in listed if not file.is_file()]
         if listed and not missing:
-            return listed
+            return listed, True
         why = f"{METADATA} is of no use"
         if missing:
             why = f"{METADATA} names {_some(missing)}, missing here"
@@ -150,7 +201,7 @@ def _files_of(folder: Path, name: str, warn: _Warn) -> list[Path]:
     if not files:
         raise ConfigError(f"{name}: {folder}: {why}, and there is no .mcap, .db3 or .bag file")
     warn(name, f"{folder}: {why}: read file by file: {_some([file.name for file in files])}")
-    return files
+    return files, False
 
 
 def _listed(folder: Path) -> list[Path]:

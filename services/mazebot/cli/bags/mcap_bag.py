@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import heapq
 import os
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
@@ -15,6 +14,7 @@ from rosbags.interfaces import (
     MessageDefinitionFormat,
 )
 
+from mazebot.cli.bags.log_clock import Message, Move, Place, Span, in_time, place_in
 from mazebot.common.files.reading import open_regular
 from mazebot.common.recordings.mcap import mcap_records as mcap
 from mazebot.common.recordings.mcap.mcap_scan import Found, content, records
@@ -24,8 +24,6 @@ _FORMATS = {
     "ros2idl": MessageDefinitionFormat.IDL,
     "omgidl": MessageDefinitionFormat.IDL,
 }
-_Message = tuple[int, int, bytes]
-"""Log time in ns, channel, content."""
 
 
 class _Block(NamedTuple):
@@ -66,23 +64,30 @@ class McapBag:
         """When the last message was logged; 0: there is none."""
         return max((block.end_ns for block in self._blocks), default=0)
 
+    @property
+    def spans_ns(self) -> list[Span]:
+        """Of parts of the file, in the order of writing."""
+        return [(block.start_ns, block.end_ns) for block in self._blocks]
+
+    def places(self) -> Iterator[Place]:
+        """All messages in the order of writing."""
+        with open_regular(self._path) as file:
+            for number, block in enumerate(self._blocks):
+                for i, (log_ns, channel, _) in enumerate(self._inside(file, block)):
+                    yield Place(place_in(number, i), channel, log_ns)
+
     def messages(
-        self, connections: Collection[Connection]
+        self, connections: Collection[Connection], moves: Sequence[Move] = ()
     ) -> Iterator[tuple[Connection, int, bytes]]:
         """The messages of some topics by their log time; those of one time as they stand."""
         wanted = {connection.id: connection for connection in connections}
         self.damaged = 0
-        waiting: list[tuple[int, int, int, bytes]] = []
-        number = 0
+        starts_ns = [block.start_ns for block in self._blocks]
         with open_regular(self._path) as file:
-            for block in (*sorted(self._blocks, key=lambda one: one.start_ns), None):
-                while waiting and (block is None or waiting[0][0] < block.start_ns):
-                    log_ns, _, channel, data = heapq.heappop(waiting)
-                    yield wanted[channel], log_ns, data
-                for log_ns, channel, data in self._inside(file, block) if block else ():
-                    if channel in wanted:
-                        heapq.heappush(waiting, (log_ns, number, channel, data))
-                        number += 1
+            for log_ns, channel, data in in_time(
+                starts_ns, lambda number: self._inside(file, self._blocks[number]), wanted, moves
+            ):
+                yield wanted[channel], log_ns, data
 
     def _look_through(self, file: BinaryIO) -> None:
         """Where the messages are, and what stands outside of chunks."""
@@ -120,7 +125,7 @@ class McapBag:
             channel = mcap.read_channel(data)
             self._channels.setdefault(channel.id, channel)
 
-    def _inside(self, file: BinaryIO, block: _Block) -> Iterator[_Message]:
+    def _inside(self, file: BinaryIO, block: _Block) -> Iterator[Message]:
         """The messages of a block, as far as they go."""
         data = content(file, block.found)
         if block.found.opcode == mcap.MESSAGE:
@@ -165,6 +170,6 @@ def _message_span_ns(file: BinaryIO, found: Found) -> tuple[int, int]:
     return log_ns, log_ns
 
 
-def _message(data: bytes) -> _Message:
+def _message(data: bytes) -> Message:
     channel, _, log_ns, _ = mcap.MESSAGE_HEAD.unpack_from(data)
     return log_ns, channel, data[mcap.MESSAGE_HEAD.size :]

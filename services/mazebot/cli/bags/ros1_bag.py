@@ -9,7 +9,7 @@ from __future__ import annotations
 import bz2
 import os
 import struct
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple, cast
@@ -25,6 +25,7 @@ from rosbags.interfaces import (
 from rosbags.typesys import TypesysError, get_types_from_msg
 from rosbags.typesys.msg import normalize_msgtype
 
+from mazebot.cli.bags.log_clock import Move, Place, Span, in_time, place_in
 from mazebot.common.files.limits import MAX_CHUNK_BYTES, MAX_TEXT_BYTES
 from mazebot.common.files.reading import most_unpacked, open_regular
 from mazebot.common.messages import messages as msg
@@ -50,6 +51,8 @@ class Ros1BagError(ValueError):
 
 
 class _Record(NamedTuple):
+    at: int
+    """Where it begins."""
     opcode: int
     fields: dict[bytes, bytes]
     data_at: int
@@ -68,10 +71,10 @@ class Ros1Bag:
         self._path = path
         self._connections: dict[int, Connection] = {}
         self._chunks: list[_Record] = []
+        self._spans_ns: dict[int, Span] = {}
+        """Of the chunks, by where they begin."""
         self.is_whole = False
         """Whether the file has its end."""
-        self.end_ns = 0
-        """When the last message was logged; 0: there is none."""
         self.too_large = ""
         """Why the last chunk that is too large is left out."""
         self.damaged = 0
@@ -79,26 +82,44 @@ class Ros1Bag:
         with open_regular(path) as file:
             self._look_through(_reader(file), os.fstat(file.fileno()).st_size)
             self._check_sizes(most_unpacked(file))
-            if not self.is_whole or not self._connections:
-                for record in self._chunks:
-                    for log_ns, _, _ in self._inside(_reader(file), record):
-                        self.end_ns = max(self.end_ns, log_ns)
+            are_known = self.is_whole and self._connections
+            for record in self._chunks:
+                if not are_known or record.at not in self._spans_ns:
+                    times_ns = [log_ns for log_ns, _, _ in self._inside(_reader(file), record)]
+                    self._spans_ns[record.at] = min(times_ns, default=0), max(times_ns, default=0)
         self.damaged = 0
         self.connections = list(self._connections.values())
 
+    @property
+    def spans_ns(self) -> list[Span]:
+        """Of parts of the file, in the order of writing."""
+        return [self._spans_ns[record.at] for record in self._chunks]
+
+    @property
+    def end_ns(self) -> int:
+        """When the last message was logged; 0: there is none."""
+        return max((end_ns for _, end_ns in self._spans_ns.values()), default=0)
+
+    def places(self) -> Iterator[Place]:
+        """All messages in the order of writing."""
+        with open_regular(self._path) as file:
+            for number, record in enumerate(self._chunks):
+                for i, (log_ns, own, _) in enumerate(self._inside(_reader(file), record)):
+                    yield Place(place_in(number, i), own, log_ns)
+
     def messages(
-        self, connections: Collection[Connection]
+        self, connections: Collection[Connection], moves: Sequence[Move] = ()
     ) -> Iterator[tuple[Connection, int, bytes]]:
-        """The messages of some topics, those of a chunk by their time: a recorder writes one chunk
-        after the other.
-        """
+        """The messages of some topics by their time; those of one time as they stand."""
         wanted = {connection.id: connection for connection in connections}
         self.damaged = 0
+        starts_ns = [start_ns for start_ns, _ in self.spans_ns]
         with open_regular(self._path) as file:
-            for record in self._chunks:
-                found = [one for one in self._inside(_reader(file), record) if one[1] in wanted]
-                for log_ns, number, data in sorted(found, key=lambda one: one[0]):
-                    yield wanted[number], log_ns, _as_cdr(wanted[number], data)
+            read = _reader(file)
+            for log_ns, number, data in in_time(
+                starts_ns, lambda chunk: self._inside(read, self._chunks[chunk]), wanted, moves
+            ):
+                yield wanted[number], log_ns, _as_cdr(wanted[number], data)
 
     def _look_through(self, read: _Read, size: int) -> None:
         """Where the chunks are, and what stands outside of them."""
@@ -116,8 +137,12 @@ class Ros1Bag:
                 elif record.opcode == _CONNECTION and record.is_whole:
                     self._define(record, _content(read, record, MAX_TEXT_BYTES))
                 elif record.opcode == _CHUNK_INFO and record.is_whole:
-                    self.end_ns = max(self.end_ns, _time_ns(record.fields, b"end_time"))
                     described += 1
+                    span_ns = (
+                        _time_ns(record.fields, b"start_time"),
+                        _time_ns(record.fields, b"end_time"),
+                    )
+                    self._spans_ns[_number(_U64, record.fields, b"chunk_pos")] = span_ns
         # The description of the last chunk is the end of the file.
         self.is_whole = chunks == described
 
@@ -207,7 +232,9 @@ def _records(read: _Read, size: int, at: int = 0) -> Iterator[_Record]:
             return
         (data_size,) = _U32.unpack(read(data_at - _U32.size, _U32.size))
         is_whole = data_at + data_size <= size
-        yield _Record(fields[b"op"][0], fields, data_at, min(data_size, size - data_at), is_whole)
+        yield _Record(
+            at, fields[b"op"][0], fields, data_at, min(data_size, size - data_at), is_whole
+        )
         at = data_at + data_size
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import heapq
 import sqlite3
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 from urllib.parse import quote
@@ -15,10 +16,13 @@ from rosbags.interfaces import (
     MessageDefinitionFormat,
 )
 
+from mazebot.cli.bags.log_clock import Move, Place, Span
 from mazebot.common.files.limits import MAX_CHUNK_BYTES
 
 _READ = {"topics", "messages", "message_definitions"}
 _FORMATS = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": MessageDefinitionFormat.IDL}
+_FIRST, _LAST = -(2**63), 2**63 - 1
+"""Of SQLite's integers."""
 
 
 class SqliteBag:
@@ -54,27 +58,61 @@ class SqliteBag:
                 )
                 if _are(int, number) and _are(str, topic, kind, encoding)
             ]  # fmt: skip
-            (end_ns,) = database.execute("SELECT MAX(timestamp) FROM messages").fetchone()
-        if end_ns is not None and not _are(int, end_ns):
-            raise sqlite3.DatabaseError(f"timestamp {end_ns!r:.40} must be an integer")
-        self.end_ns: int = end_ns or 0
+            (*ends_ns,) = database.execute(
+                "SELECT MIN(timestamp), MAX(timestamp) FROM messages"
+            ).fetchone()
+        for end_ns in ends_ns:
+            if end_ns is not None and not _are(int, end_ns):
+                raise sqlite3.DatabaseError(f"timestamp {end_ns!r:.40} must be an integer")
+        self.spans_ns: list[Span] = [] if None in ends_ns else [(ends_ns[0], ends_ns[1])]
+        """Of the whole file."""
+
+    @property
+    def end_ns(self) -> int:
         """When the last message was logged; 0: there is none."""
+        return max((end_ns for _, end_ns in self.spans_ns), default=0)
+
+    def places(self) -> Iterator[Place]:
+        """All messages in the order of writing."""
+        with closing(self._connected()) as database:
+            for row in database.execute("SELECT id, topic_id, timestamp FROM messages ORDER BY id"):
+                if _are(int, *row):
+                    yield Place(*row)
 
     def messages(
-        self, connections: Collection[Connection]
+        self, connections: Collection[Connection], moves: Sequence[Move] = ()
     ) -> Iterator[tuple[Connection, int, bytes]]:
         """The messages of some topics by the time of logging."""
         wanted = {connection.id: connection for connection in connections}
-        marks = ",".join("?" * len(wanted))
+        parts = ((_FIRST, 0), *((move.at, move.by_ns) for move in moves))
+        ends = (*(move.at - 1 for move in moves), _LAST)
         with closing(self._connected()) as database:
-            for number, log_ns, data in database.execute(
-                f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) "
-                "ORDER BY timestamp, id",
-                tuple(wanted),
-            ):
-                if not (_are(int, log_ns) and _are(bytes, data)):
-                    raise sqlite3.DatabaseError("a message must have an integer time and bytes")
-                yield wanted[number], log_ns, data
+            yield from heapq.merge(
+                *(
+                    self._between(database, wanted, begin, end, by_ns)
+                    for (begin, by_ns), end in zip(parts, ends, strict=True)
+                ),
+                key=lambda message: message[1],
+            )
+
+    def _between(
+        self,
+        database: sqlite3.Connection,
+        wanted: Mapping[int, Connection],
+        begin: int,
+        end: int,
+        by_ns: int,
+    ) -> Iterator[tuple[Connection, int, bytes]]:
+        marks = ",".join("?" * len(wanted))
+        # By the index of the times, whatever the ids.
+        for number, log_ns, data in database.execute(
+            f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) "
+            "AND +id BETWEEN ? AND ? ORDER BY timestamp, id",
+            (*wanted, begin, end),
+        ):
+            if not (_are(int, log_ns) and _are(bytes, data)):
+                raise sqlite3.DatabaseError("a message must have an integer time and bytes")
+            yield wanted[number], log_ns + by_ns, data
 
     def _connected(self) -> sqlite3.Connection:
         database = sqlite3.connect(self._uri, uri=True, check_same_thread=False)

@@ -127,12 +127,13 @@ def read(path: Path, form: ScanForm, topics: Topics) -> Log:
             raise ConfigError(_missing(path, bag, topics.scan, _SCAN, "--scan-topic"))
         if not found.odometry and not found.transforms:
             raise ConfigError(_missing(path, bag, topics.odom, _ODOMETRY, "--odom-topic"))
-    return _log(found, places)
+        return _log(found, places, len(bag.moves_ns))
 
 
-def _log(found: _Found, places: _Places) -> Log:
+def _log(found: _Found, places: _Places, set_back: int) -> Log:
+    """`set_back`: how often the recorder's clock was."""
     poses, mounts = found.poses, places.mounts
-    (pose_times_ns, scan_times_ns), set_back = times_ns((poses, found.scans))
+    (pose_times_ns, scan_times_ns), stamps_set_back = times_ns((poses, found.scans))
     moved = [_odom_from_base(told.says, places) for told in poses]
     entries = [
         Entry(time_ns, odom_from_base, None)
@@ -150,7 +151,8 @@ def _log(found: _Found, places: _Places) -> Log:
     return Log(
         entries,
         unstamped=sum(not told.stamp_ns for told in found.scans),
-        clock_set_back=set_back,
+        # That of the stamps may be the same clock.
+        clock_set_back=max(set_back, stamps_set_back),
         odometry_left_out=found.without_number + left_out,
         scans_left_out=found.without_direction,
         scans_without_limits=found.without_limits,

@@ -72,7 +72,7 @@ def open_bag(path: Path, slam: bool = False) -> Recording:
 
     def read() -> Iterator[Replayed]:
         recording.unfit.clear()
-        recording.clock_set_back = 0
+        recording.clock_set_back = len(made["moves_ns"])
         messages = _read(path, recording, channels, made)
         yield from _clocked(_beginning(recording.name, not has_map), messages)
 
@@ -139,8 +139,11 @@ def _timed(bag: Bag, channels: dict[int, _Channel]) -> tuple[dict[str, Any], int
             stamp_ns = stamp_of(connection.msgtype, data)
             if stamp_ns is not None:
                 logged.append((log_ns, stamp_ns))
-    made = {"logged": logged, "clock_ns": clock_ns, "first_ns": first_ns or 0}
-    time = BagTime(logged, clock_ns)
+    made = {
+        "logged": logged, "clock_ns": clock_ns, "first_ns": first_ns or 0,
+        "moves_ns": bag.moves_ns,
+    }  # fmt: skip
+    time = BagTime(logged, clock_ns, bag.moves_ns)
     time.begin(made["first_ns"])  # type: ignore[arg-type]
     if clock_ns is None:
         return made, time.at(bag.end_ns, None)
@@ -159,7 +162,7 @@ def _clock_of(connection: Any, data: bytes) -> int | None:
 def _read(
     path: Path, recording: Recording, channels: dict[int, _Channel], made: dict[str, Any]
 ) -> Iterator[Replayed]:
-    time = BagTime(made["logged"], made["clock_ns"])
+    time = BagTime(made["logged"], made["clock_ns"], made["moves_ns"])
     time.begin(made["first_ns"])
     sequences: Counter[tuple[str, str]] = Counter()
     with opened(path, "replay", warns=False) as bag:
@@ -168,7 +171,7 @@ def _read(
                 clock_ns = _clock_of(connection, data)
                 if clock_ns is not None:
                     time.take_clock(clock_ns)
-                    recording.clock_set_back = time.set_back
+                    recording.clock_set_back = max(time.set_back, len(made["moves_ns"]))
                 continue
             channel = channels.get(connection.id)
             if channel is None:

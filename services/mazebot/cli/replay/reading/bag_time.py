@@ -43,8 +43,18 @@ class BagTime:
     of them, so that no message comes before its own time.
     """
 
-    def __init__(self, logged: Sequence[tuple[int, int]], first_clock_ns: int | None) -> None:
-        """`logged` are the times of logging and the stamps of the bag's first messages, in ns."""
+    def __init__(
+        self,
+        logged: Sequence[tuple[int, int]],
+        first_clock_ns: int | None,
+        moves_ns: Sequence[int] = (),
+    ) -> None:
+        """`logged` are the times of logging and the stamps of the bag's first messages, in ns;
+        `moves_ns`, by how much later the former are than the files say where the recorder's clock
+        was set back, which may have been that of the stamps, too.
+        """
+        self._moves_ns = (0, *moves_ns)
+        self._log_ns = 0
         self._clock_ns = first_clock_ns
         self._moved_ns = self._moved_before_ns = 0
         """By what the clock and the stamps go on after it was set back, and until then."""
@@ -74,6 +84,7 @@ class BagTime:
     def at(self, log_ns: int, stamp_ns: int | None) -> int:
         """The time of a message in ns, by the time of logging and its stamp; it never goes back."""
         assert self._begun_ns is not None
+        self._log_ns = log_ns
         if self._clock_ns is None:
             now_ns = log_ns - self._lag_ns
         else:
@@ -92,7 +103,10 @@ class BagTime:
     def _from_begin(self, stamp_ns: int) -> int:
         assert self._begun_ns is not None
         moved_ns = self._moved_ns
-        if self._clock_ns is not None and stamp_ns > self._clock_ns + _AHEAD_NS:
+        if self._clock_ns is None:
+            due_ns = self._log_ns - self._lag_ns
+            moved_ns = min(self._moves_ns, key=lambda one: abs(stamp_ns + one - due_ns))
+        elif stamp_ns > self._clock_ns + _AHEAD_NS:
             # From before the clock was set back.
             moved_ns = self._moved_before_ns
         return max(stamp_ns + moved_ns - self._begun_ns, 0)
