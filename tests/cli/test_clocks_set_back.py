@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -136,7 +137,7 @@ def as_several_files(path: Path, messages: Sequence[Logged]) -> Path:
 def as_ros_1(path: Path, messages: Sequence[Logged]) -> Path:
     drive = []
     for topic, kind, log_ns, data in messages:
-        told = HUMBLE.deserialize_cdr(data, kind)
+        told: Any = HUMBLE.deserialize_cdr(data, kind)
         stamp_ns = msg.ns_from_time(told.header.stamp)
         if topic == "/scan":
             message = ros1.scan(stamp_ns, told.ranges)[2]

@@ -98,7 +98,8 @@ def _steps(series: NDArray[np.int64], times_ns: _Array) -> list[tuple[int, int]]
     ns all log times are moved from there on.
     """
     begins = _begins(times_ns)
-    if len(begins) > _MOST:
+    # None also where a file that is damaged has no message.
+    if not begins or len(begins) > _MOST:
         return []
     found: list[tuple[int, int]] = []
     all_ns = np.sort(times_ns)
