@@ -4,7 +4,9 @@ import json
 import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
@@ -17,6 +19,7 @@ from mazebot.common.messages.topics import (
     AMCL_POSE,
     CMD_VEL,
     GOAL_POSE,
+    INITIAL_POSE,
     LOAD_WORLD,
     NAVIGATION_RESULT,
     NAVIGATION_STATUS,
@@ -362,6 +365,22 @@ def test_a_goal_that_is_left_can_be_cancelled(session: Session) -> None:
     assert session.ground_truth().distance_m(stopped) < 1e-3
     with pytest.raises(RefusedError, match="no active goal"):
         session.cancel()
+
+
+@pytest.mark.parametrize(("frame", "covariance"), [
+    ("map", np.zeros(1)), ("map", np.eye(6)), ("map", [0.25] * 36), ("map", None),
+    ("map", np.zeros(36, np.float32)), (5, np.zeros(36)), ("\ud800", np.zeros(36)),
+])  # fmt: skip
+def test_a_message_that_could_not_travel_is_refused(
+    session: Session, frame: Any, covariance: Any
+) -> None:
+    session.run_for(0.5)
+    pose = msg.PoseWithCovariance(msg.pose_from_se2(SE2(0.0, 0.0, 0.0)), covariance)
+    with pytest.raises(RefusedError, match=r"^/initialpose: wrong (length|type).*$"):
+        session.publish(
+            INITIAL_POSE, msg.PoseWithCovarianceStamped(msg.Header(msg.Time(0, 0), frame), pose)
+        )
+    assert session.run_for(0.1).sim_time_s > 0.59
 
 
 def test_a_robot_that_is_carried_away_stands_there_and_is_not_told(session: Session) -> None:

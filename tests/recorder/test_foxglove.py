@@ -172,7 +172,9 @@ def test_parameters_and_services(tmp_path: Path) -> None:
         assert "/simulation/control: " in client.call("/simulation/control", step="many")
 
 
-def test_velocities_of_its_panels_and_what_is_refused(tmp_path: Path) -> None:
+def test_velocities_of_its_panels_and_what_is_refused(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     with running(tmp_path / "run") as live, FoxgloveClient(live.port) as client:
         live.wait(lambda: live.robot.now_ns() > 10**9)
         heard: list[Any] = []
@@ -201,7 +203,19 @@ def test_velocities_of_its_panels_and_what_is_refused(tmp_path: Path) -> None:
             ("/goal_pose", "geometry_msgs/msg/Pose", "cdr", b"", "must be geometry_msgs/msg/Pose"),
             ("/goal_pose", "geometry_msgs/msg/PoseStamped", "protobuf", b"", "must be cdr or json"),
             ("/goal_pose", "geometry_msgs/msg/PoseStamped", "cdr", b"\0\1\0\0x", "is not a valid"),
-            ("/goal_pose", "geometry_msgs/msg/PoseStamped", "json", b'{"a": 1}', "is not a valid"),
+            ("/goal_pose", "geometry_msgs/msg/PoseStamped", "json", b'{"a": 1}', "/goal_pose.a: "),
+            ("/goal_pose", "geometry_msgs/msg/PoseStamped", "json", b"{", "is not a valid"),
+            ("/goal_pose", "geometry_msgs/msg/PoseStamped", "json",
+             b'{"header": {"frame_id": "\\ud800"}}', "frame_id: '\\ud800': must be"),
+            ("/explore/resume", "std_msgs/msg/Bool", "json", b'{"data": "false"}',
+             "/explore/resume.data: 'false': must be true or false"),
+            ("/initialpose", "geometry_msgs/msg/PoseWithCovarianceStamped", "json",
+             b'{"header": {"stamp": {"sec": 1.5}}}', "stamp.sec: 1.5: must be an integer"),
+            ("/initialpose", "geometry_msgs/msg/PoseWithCovarianceStamped", "json",
+             b'{"pose": {"pose": {"position": {"x": true}}}}', "x: True: must be a number"),
+            ("/initialpose", "geometry_msgs/msg/PoseWithCovarianceStamped", "json",
+             b'{"pose": {"pose": {"orientation": {"w": 1}}, "covariance": [0.25]}}',
+             "/initialpose.pose.covariance: [0.25]: must be a list of 36"),
             ("/goal_pose", "geometry_msgs/msg/PoseStamped", "cdr", pose(float("nan"), 0.0),
              "/goal_pose: "),
         )  # fmt: skip
@@ -210,6 +224,9 @@ def test_velocities_of_its_panels_and_what_is_refused(tmp_path: Path) -> None:
             client.publish(number, name, kind, data, encoding)
             client.wait_for(functools.partial(_more_than, client, before))
             assert said in client.complaints()[before]
+            assert client.complaints()[before] in caplog.text
+        at_ns = live.robot.now_ns()
+        live.wait(lambda: live.robot.now_ns() > at_ns)
 
 
 def _more_than(client: FoxgloveClient, count: int) -> bool:

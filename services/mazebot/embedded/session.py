@@ -14,7 +14,7 @@ from rich.console import Console
 
 from mazebot.bringup.config import BringupConfig
 from mazebot.bringup.node import BringupNode
-from mazebot.common.client.robot import Receive, Robot, RobotError, ignore
+from mazebot.common.client.robot import Receive, Robot, RobotError, encoded, ignore
 from mazebot.common.client.user_messages import velocity
 from mazebot.common.config import ConfigError, one_line
 from mazebot.common.maths.frames import MAP_FRAME, SE2
@@ -41,6 +41,7 @@ from mazebot.common.messages.topics import (
     CANCEL_GOAL,
     CMD_VEL,
     DELETE_ENTITY,
+    EDGE,
     GET_ENTITIES,
     GOAL_POSE,
     GROUND_TRUTH_ODOM,
@@ -371,11 +372,14 @@ class Session(Robot):
         Raises PermissionError on another topic, RefusedError where the message is invalid.
         """
         self._check_open()
+        if EDGE not in topic.owners:
+            raise PermissionError(f"{topic.name}: only {' and '.join(topic.owners)} may publish it")
+        try:
+            encoded(topic, message)
+        except RobotError as error:
+            raise RefusedError(str(error)) from error
         self._outbox.now_ns = self._executive.now_ns
-        rejected = self._outbox.rejected.copy()
         self._outbox.put(topic, message)
-        for (name, reason), _ in (self._outbox.rejected - rejected).items():
-            raise RefusedError(f"{name}: {reason}")
 
     def _check_open(self) -> None:
         if self._closed:

@@ -11,6 +11,7 @@ from mazebot.common.messages import cdr, document_types, wire
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.documents import Document, SimulationControl
 from mazebot.common.messages.topics import (
+    AMCL_POSE,
     CMD_VEL,
     GOAL_POSE,
     LOCALIZATION_STATUS,
@@ -151,6 +152,14 @@ def test_an_array_may_hold_huge_numbers_but_none_that_is_not_finite() -> None:
         odometry.pose.covariance[35] = value
         with pytest.raises(wire.WireError, match="not finite"):
             wire.validate(ODOM, odometry)
+
+
+@pytest.mark.parametrize("size", [0, 1, 35, 37, 66])
+def test_an_array_of_fixed_length_has_that_length(size: int) -> None:
+    estimate = copy.deepcopy(SAMPLES[AMCL_POSE])
+    estimate.pose.covariance = np.zeros(size)
+    with pytest.raises(wire.WireError, match=r"^wrong length$"):
+        wire.validate(AMCL_POSE, estimate)
 
 
 def test_a_rotation_must_be_one() -> None:

@@ -23,7 +23,7 @@ from mazebot.common.client.robot import (
     Receive,
     Robot,
     RobotError,
-    check_message,
+    encoded,
     ignore,
 )
 from mazebot.common.messages import wire
@@ -97,8 +97,7 @@ class ZenohRobot(Robot):
 
     def publish(self, topic: Topic[M], message: M) -> None:
         """See Robot."""
-        check_message(topic, message)
-        data, now_ns = wire.encode(topic, message), self.now_ns()
+        data, now_ns = encoded(topic, message), self.now_ns()
         try:
             with self._lock:
                 envelope = Envelope(self._source, self._sequence, now_ns, "")

@@ -97,11 +97,15 @@ class Robot(ABC):
         self.close()
 
 
-def check_message(topic: Topic[M], message: M) -> None:
-    """Raises RobotError where the user's tools may not publish the topic, or it is invalid."""
+def encoded(topic: Topic[M], message: M) -> bytes:
+    """The CDR bytes of a message of the user's tools.
+
+    Raises RobotError where they may not publish the topic, or the message is invalid.
+    """
     if EDGE not in topic.owners:
         raise RobotError(f"{topic.name}: only {' and '.join(topic.owners)} may publish it")
     try:
         wire.validate(topic, message)
+        return wire.encode(topic, message)
     except wire.WireError as error:
-        raise RobotError(f"{topic.name}: {error.reason}") from error
+        raise RobotError(f"{topic.name}: {error}") from error

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import queue
 import threading
 from collections.abc import Callable, Iterable, Mapping
@@ -12,11 +13,13 @@ import zenoh
 
 from mazebot.common.bus.bus import Bus
 from mazebot.common.bus.subscriber import subscribe
+from mazebot.common.messages import wire
 from mazebot.common.messages.keys import DEFAULT_KEYS, Keys
 from mazebot.common.messages.topics import EDGE, TOPICS, Delivery, Topic, owned_by
 from mazebot.common.node.edge_client import EdgeClient
 from mazebot.common.node.node import Envelope, Inbox, Node
 
+_LOG = logging.getLogger("bus")
 MAX_WAITING = 1000
 """Messages that wait to be published; beyond it those of LATEST topics are dropped."""
 
@@ -125,5 +128,8 @@ class RunOnBus:
             while (waiting := self._waiting.get()) is not None:
                 topic, message, envelope = waiting
                 bus = self._buses[envelope.source]
-                if bus.has_reader(topic):
-                    bus.send(topic, message, envelope._replace(source=bus.source))
+                try:
+                    if bus.has_reader(topic):
+                        bus.send(topic, message, envelope._replace(source=bus.source))
+                except wire.WireError as error:
+                    _LOG.warning("%s of %s is not sent: %s", topic.name, bus.node_name, error)

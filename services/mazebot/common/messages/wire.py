@@ -309,6 +309,7 @@ def _document(document: Document) -> str:
 _Check = Callable[[Any], str]
 _Get = Callable[[Any], Any]
 _NOT_FINITE, _OUT_OF_RANGE, _TOO_MANY = "not finite", "out of range", "too many items"
+_WRONG_LENGTH = "wrong length"
 
 
 @dataclass
@@ -318,8 +319,7 @@ class _Fields:
     coordinates: list[str]
     numbers: list[str]
     """Numbers that are not coordinates."""
-    arrays: list[tuple[str, bool]]
-    """Path, and whether the values may be infinite."""
+    arrays: list[tuple[str, _Check]]
     extras: list[tuple[str, _Check]]
     lists: list[tuple[str, str, int]]
     """Path, type of the items, and the maximum number of items."""
@@ -342,8 +342,7 @@ def _checks(type_name_: str) -> _Checks:
     fields = _Fields([], [], [], [], [])
     _collect(type_name_, "", fields)
     checks: list[tuple[_Get, _Check]] = [
-        (operator.attrgetter(path), _array_with_inf if inf else _array)
-        for path, inf in fields.arrays
+        (operator.attrgetter(path), problem_of) for path, problem_of in fields.arrays
     ]
     checks += [
         (operator.attrgetter(path), functools.partial(_each, item, most))
@@ -403,8 +402,11 @@ def _collect(type_name_: str, prefix: str, fields: _Fields) -> None:
             else:
                 _collect(item, f"{path}.", fields)
         elif item[0] in ("float32", "float64"):
-            if is_list:
-                fields.arrays.append((path, (type_name_, name) in _MAY_BE_INFINITE))
+            if kind == Nodetype.ARRAY:
+                fields.arrays.append((path, _array_of(cast("int", what[1]))))
+            elif is_list:
+                may_be_infinite = (type_name_, name) in _MAY_BE_INFINITE
+                fields.arrays.append((path, _array_with_inf if may_be_infinite else _array))
             elif type_name_ in _COORDINATES:
                 fields.coordinates.append(path)
             else:
@@ -441,6 +443,18 @@ def _array(values: Any) -> str:
     return _OUT_OF_RANGE if np.isfinite(values).all() else _NOT_FINITE
 
 
+def _array_of(length: int) -> _Check:
+    """A check of an array of fixed length: of few numbers, as all such arrays are."""
+
+    def check(values: Any) -> str:
+        if len(values) != length:
+            return _WRONG_LENGTH
+        numbers = values.tolist()
+        return "" if math.hypot(*numbers) <= MAX_IN_ARRAY else _within(numbers, MAX_IN_ARRAY)
+
+    return check
+
+
 def _array_with_inf(values: Any) -> str:
     return _NOT_FINITE if np.isnan(values).any() else ""
 
@@ -464,13 +478,13 @@ def _each(type_name_: str, most: int, messages: list[object]) -> str:
 
 
 def _image(image: msg.Image) -> str:
-    return "" if len(image.data) == image.height * image.step else "wrong length"
+    return "" if len(image.data) == image.height * image.step else _WRONG_LENGTH
 
 
 def _grid(grid: msg.OccupancyGrid) -> str:
     info = grid.info
     if len(grid.data) != info.height * info.width:
-        return "wrong length"
+        return _WRONG_LENGTH
     if len(grid.data) > MAX_CELLS:
         return "too many cells"
     return "" if MIN_CELL_SIDE_M <= info.resolution <= MAX_CELL_SIDE_M else _OUT_OF_RANGE
@@ -478,7 +492,7 @@ def _grid(grid: msg.OccupancyGrid) -> str:
 
 def _grid_update(update: msg.OccupancyGridUpdate) -> str:
     if len(update.data) != update.height * update.width:
-        return "wrong length"
+        return _WRONG_LENGTH
     return "" if min(update.x, update.y) >= 0 else _OUT_OF_RANGE
 
 

@@ -5,22 +5,15 @@ from __future__ import annotations
 import json
 from typing import Any, cast
 
-import numpy as np
-from rosbags.interfaces import Nodetype
-
 from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import BASE_FOOTPRINT_FRAME
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages import wire
+from mazebot.common.messages.from_fields import message_of as message_of_fields
 from mazebot.common.messages.topics import BY_NAME, CMD_VEL, CMD_VEL_TELEOP, EDGE, TOPICS, Topic
 
 _VELOCITIES: tuple[Topic[Any], ...] = (CMD_VEL, CMD_VEL_TELEOP)
 JSON, CDR = "json", "cdr"
-_NUMBERS = {
-    **{f"{sign}int{bits}": 0 for sign in ("", "u") for bits in (8, 16, 32, 64)},
-    "float32": 0.0, "float64": 0.0,
-}  # fmt: skip
-_ZEROS: dict[str, Any] = {**_NUMBERS, "bool": False, "string": ""}
 _TWIST = msg.Twist.__msgtype__
 """What Foxglove's Teleop panel sends."""
 
@@ -47,16 +40,14 @@ def topic_of(name: str, type_name: str) -> Topic[Any]:
 def message_of(topic: Topic[Any], type_name: str, data: bytes, encoding: str, now_ns: int) -> Any:
     """A client's message. Its stamp is the time of now: clients know only that of their own clock.
 
-    Raises PublishedError where it cannot be read.
+    Raises ConfigError where it cannot be read.
     """
     kind = _full(type_name)
     try:
-        if encoding == JSON:
-            message = _from_json(kind, json.loads(data))
-        else:
-            message = msg.TYPESTORE.deserialize_cdr(data, kind)
-    except Exception as error:
+        content = json.loads(data) if encoding == JSON else wire.read_type(kind, data)
+    except (ValueError, RecursionError) as error:
         raise PublishedError(f"{topic.name}: is not a valid {kind} in {encoding}") from error
+    message = message_of_fields(kind, content, topic.name) if encoding == JSON else content
     if kind == _TWIST and topic in _VELOCITIES:
         return msg.TwistStamped(
             msg.header(now_ns, BASE_FOOTPRINT_FRAME), cast("msg.Twist", message)
@@ -64,30 +55,6 @@ def message_of(topic: Topic[Any], type_name: str, data: bytes, encoding: str, no
     if hasattr(message, "header"):
         message.header.stamp = msg.time_from_ns(now_ns)
     return message
-
-
-def _from_json(kind: str, values: Any) -> Any:
-    """A message of its fields; as in ROS, those that are not given are zero."""
-    fields = msg.TYPESTORE.fielddefs[kind][1]
-    if unknown := values.keys() - {name for name, _ in fields}:
-        raise ValueError(f"{kind}: {unknown}")
-    return msg.TYPESTORE.types[kind](
-        **{name: _field(what, values.get(name)) for name, what in fields}
-    )
-
-
-def _field(what: Any, value: Any) -> Any:
-    kind, inner = what
-    if kind == Nodetype.NAME:
-        return _from_json(inner, value or {})
-    if kind == Nodetype.BASE:
-        return _ZEROS[inner[0]] if value is None else type(_ZEROS[inner[0]])(value)
-    (item_kind, item), length = inner
-    items = value or [None] * (length if kind == Nodetype.ARRAY else 0)
-    made = [_field((item_kind, item), one) for one in items]
-    if item_kind == Nodetype.BASE and item[0] in _NUMBERS:
-        return np.array(made, np.dtype(item[0]))
-    return made
 
 
 def _full(type_name: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import queue
 import threading
 from collections import Counter
@@ -20,7 +21,7 @@ from foxglove.websocket import (
 )
 
 from mazebot.common.client.robot import Robot
-from mazebot.common.config import ConfigError
+from mazebot.common.config import ConfigError, printable
 from mazebot.common.messages import documents as doc
 from mazebot.common.messages import wire
 from mazebot.common.messages.topics import PARAMETERS, SIMULATION_STATS, Topic, read_by
@@ -38,6 +39,7 @@ from mazebot.recorder.foxglove.services import services_of
 from mazebot.recorder.stream.latched import Latched
 from mazebot.recorder.stream.message_log import Compressed, Pieces, Taken
 
+_LOG = logging.getLogger("recorder")
 LAYOUT = Path(__file__).with_name("layout.json")
 """A layout for the app, by its menu `Import from file`."""
 BACKLOG = 256
@@ -62,6 +64,7 @@ class FoxgloveServer:
         self._parameters = RunParameters(robot)
         self._latched = Latched()
         self._services: set[str] = set()
+        self._complaint = ""
         self._subscribers: Counter[str] = Counter()
         self._advertised: dict[tuple[int, int], ClientChannel] = {}
         self._tasks: queue.SimpleQueue[_Task | None] = queue.SimpleQueue()
@@ -186,7 +189,12 @@ class FoxgloveServer:
         return self._parameters.get([parameter.name for parameter in wanted])
 
     def _complain(self, line: str) -> None:
+        """Tell the app, and the log: a client that repeats itself, once."""
+        line = printable(line)
         self._server.publish_status(line, StatusLevel.Error)
+        if line != self._complaint:
+            self._complaint = line
+            _LOG.warning("Foxglove: %s", line)
 
     def _announce(self, parameters: doc.Parameters) -> None:
         """A service has told its parameters."""
