@@ -2,6 +2,7 @@
 
 import json
 import math
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -381,6 +382,54 @@ def test_a_message_that_could_not_travel_is_refused(
             INITIAL_POSE, msg.PoseWithCovarianceStamped(msg.Header(msg.Time(0, 0), frame), pose)
         )
     assert session.run_for(0.1).sim_time_s > 0.59
+
+
+def test_another_thread_is_refused_while_one_advances(session: Session) -> None:
+    advancing, answered = threading.Event(), threading.Event()
+
+    def look(*_: Any) -> None:
+        advancing.set()
+        answered.wait(60.0)
+
+    def drive_on() -> None:
+        with pytest.raises(RefusedError, match=r"^the session is closed$"):
+            session.goal(0.9, 0.0)
+
+    end = session.watch((ODOM,), look)
+    thread = threading.Thread(target=drive_on, daemon=True)
+    thread.start()
+    assert advancing.wait(60.0)
+    calls: list[Callable[[], object]] = [
+        session.step, session.pause, session.resume, session.turn, session.cancel, session.entities,
+        lambda: session.run_for(0.1), lambda: session.goal(0.6, 0.0), lambda: session.stats,
+        lambda: session.command(0.1, 0.0, for_s=0.1),
+    ]  # fmt: skip
+    for call in calls:
+        with pytest.raises(RefusedError, match=r"^another thread advances this session$"):
+            call()
+    answered.set()
+    end()
+    # Ends what the other thread waits for.
+    session.close()
+    thread.join(60.0)
+    assert not thread.is_alive()
+
+
+def test_who_receives_a_message_may_publish_but_not_advance(session: Session) -> None:
+    refused: list[str] = []
+
+    def receive(*_: Any) -> None:
+        end()
+        session.command(0.2, 0.0)
+        for call in (session.step, session.close, lambda: session.goal(0.6, 0.0)):
+            with pytest.raises(RefusedError) as error:
+                call()
+            refused.append(str(error.value))
+
+    end = session.watch((SCAN,), receive)
+    session.run_for(0.5)
+    assert refused == ["a step of this session is under way: call this after it"] * 3
+    assert session.ground_truth().x_m > 0.001
 
 
 def test_a_robot_that_is_carried_away_stands_there_and_is_not_told(session: Session) -> None:

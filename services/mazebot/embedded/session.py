@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import itertools
 import math
+import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, nullcontext
 from pathlib import Path
 from typing import Any, Literal, TypeVar, cast
 
@@ -93,6 +94,10 @@ class Session(Robot):
     queries and topics of a running stack. After `close` the time and what was published last can be
     read: all else raises RefusedError.
 
+    One thread advances it at a time. What asks or advances raises RefusedError in another one
+    meanwhile, and where a step of it is under way, as in `receive` of `watch`; to publish, to watch
+    and to read what was published is possible there.
+
         with Session("enhanced", seed=7) as session:
             result = session.goal(0.5, -0.9)
             print(result.error_code, session.ground_truth(), session.stats.state_hash)
@@ -158,6 +163,10 @@ class Session(Robot):
         self.navigators = itertools.count(1)
         """Numbers the `Navigator`s of this session, so that no two goals have one id."""
         self._closed = False
+        self._lock = threading.RLock()
+        """Of the thread that advances it."""
+        self._turning: int | None = None
+        """The thread by which a step is under way."""
         self._compiling = ExitStack()
         try:
             progress = CompileProgress(Console(stderr=True))
@@ -169,9 +178,12 @@ class Session(Robot):
             raise
 
     def close(self) -> None:
-        """End the run. Calling it again does nothing."""
-        if not self._closed:
-            self._closed = True
+        """End the run, and what another thread waits for in it. Calling it again does nothing."""
+        if self._closed:
+            return
+        self._check_no_step()
+        self._closed = True
+        with self._lock:
             self._executive.close()
             self._compiling.close()
 
@@ -213,8 +225,8 @@ class Session(Robot):
         """Advance the simulation by one step unless it is paused, then step every node that is due;
         return whether any stepped.
         """
-        self._check_open()
-        return self._executive.turn()
+        with self._advancing():
+            return self._turn()
 
     def reset(
         self, seed: int | None = None, scope: Literal["all", "fresh", "time"] = "all"
@@ -276,6 +288,10 @@ class Session(Robot):
         """
         if not 0.0 < timeout_s < math.inf:
             raise RefusedError(f"timeout_s: must be a positive number (got {timeout_s})")
+        with self._advancing():
+            return self._driven(x_m, y_m, yaw_rad, timeout_s)
+
+    def _driven(self, x_m: float, y_m: float, yaw_rad: float, timeout_s: float) -> NavigationResult:
         if not self._run_while(lambda: not self._is_active(), LOCALISATION_PATIENCE_S):
             raise RefusedError(
                 f"goal: navigation is not active after {LOCALISATION_PATIENCE_S:g} s"
@@ -314,12 +330,13 @@ class Session(Robot):
         The robot stops 0.2 s after the last command.
         """
         steps_left = math.ceil(round((for_s or 0.0) * STEPS_PER_SECOND, 6))
-        while True:
-            self.publish(CMD_VEL, velocity(self, linear_m_s, angular_rad_s))
-            if steps_left <= 0:
-                return
-            self.step(min(_STEPS_PER_COMMAND, steps_left))
-            steps_left -= _STEPS_PER_COMMAND
+        with self._advancing() if steps_left > 0 else nullcontext():
+            while True:
+                self.publish(CMD_VEL, velocity(self, linear_m_s, angular_rad_s))
+                if steps_left <= 0:
+                    return
+                self.step(min(_STEPS_PER_COMMAND, steps_left))
+                steps_left -= _STEPS_PER_COMMAND
 
     def ground_truth(self) -> SE2:
         """The robot's true pose in the map, as last published: at most 1/30 s ago, also when the
@@ -385,6 +402,33 @@ class Session(Robot):
         if self._closed:
             raise RefusedError("the session is closed")
 
+    def _check_no_step(self) -> None:
+        if self._turning == threading.get_ident():
+            raise RefusedError("a step of this session is under way: call this after it")
+
+    @contextmanager
+    def _advancing(self) -> Iterator[None]:
+        """Only this thread advances the session meanwhile.
+
+        Raises RefusedError where another one does, or a step is under way.
+        """
+        self._check_open()
+        self._check_no_step()
+        if not self._lock.acquire(blocking=False):
+            raise RefusedError("another thread advances this session")
+        try:
+            yield
+        finally:
+            self._lock.release()
+
+    def _turn(self) -> bool:
+        self._check_open()
+        self._turning = threading.get_ident()
+        try:
+            return self._executive.turn()
+        finally:
+            self._turning = None
+
     def _is_loaded(self) -> bool:
         status = self.latest(WORLD_STATUS)
         if status is not None and status.error:
@@ -405,7 +449,8 @@ class Session(Robot):
             while goes_on():
                 if self.now_s >= end_s:
                     return False
-                self._executive.turn()
+                if not self._turn() and goes_on():
+                    raise StalledError("the simulation is stalled")
         finally:
             self.pause()
         return True
@@ -428,18 +473,18 @@ class Session(Robot):
 
         Raises RefusedError where too many requests wait.
         """
-        self._check_open()
         answers: list[A] = []
-        if not self._transport.ask(query, message, answers.append):
-            raise RefusedError(f"{query.name}: too many pending requests")
-        self._turn_until(lambda: bool(answers), query.name)
+        with self._advancing():
+            if not self._transport.ask(query, message, answers.append):
+                raise RefusedError(f"{query.name}: too many pending requests")
+            self._turn_until(lambda: bool(answers), query.name)
         return answers[0]
 
     def _turn_until(self, done: Callable[[], bool], what: str) -> None:
         """Turn until a condition is true; time may advance meanwhile."""
         turns, now_ns = 0, self._executive.now_ns
         while not done():
-            if not self._executive.turn() and not done():
+            if not self._turn() and not done():
                 raise StalledError(f"{what}: the simulation is stalled")
             turns = turns + 1 if self._executive.now_ns == now_ns else 0
             now_ns = self._executive.now_ns

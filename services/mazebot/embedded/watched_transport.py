@@ -26,7 +26,8 @@ class WatchedTransport(MemoryTransport):
         super().__init__()
         self.latest: dict[str, Any] = {}
         """The newest message of each topic, by the topic's name."""
-        self._lock = threading.Lock()
+        # Who receives a message may publish one at once, or end the watch.
+        self._lock = threading.RLock()
         self._watches: tuple[tuple[frozenset[str], Receive], ...] = ()
         self._latched: dict[tuple[str, str], deque[tuple[Topic[Any], object, Envelope]]] = {}
 
@@ -40,9 +41,9 @@ class WatchedTransport(MemoryTransport):
         """See Robot. `with_latched`: begin with the latched messages."""
         watch = frozenset(topic.name for topic in topics), receive
         with self._lock:
-            for (name, _), kept in self._latched.items() if with_latched else ():
-                for latched in kept if name in watch[0] else ():
-                    receive(*latched)
+            kept = self._latched.items() if with_latched else ()
+            for latched in [one for (name, _), all_ in kept for one in all_ if name in watch[0]]:
+                receive(*latched)
             self._watches = (*self._watches, watch)
 
         def end() -> None:
