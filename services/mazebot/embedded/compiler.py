@@ -10,6 +10,7 @@ import logging
 import signal
 import sys
 
+from mazebot.common.stop_signals import stop_signals
 from mazebot.embedded.kernel_list import Listed, listed
 
 WHOLE, FAILED = "/whole", "/failed"
@@ -17,8 +18,11 @@ WHOLE, FAILED = "/whole", "/failed"
 
 def main() -> None:
     """Serve until the input ends."""
-    # Ctrl-C is for the process that started this one, which closes the input.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # Ctrl-C and the end of the terminal are for the process that started this one, which closes
+    # the input.
+    for number in stop_signals():
+        if number is not signal.SIGTERM:
+            signal.signal(number, signal.SIG_IGN)
     logging.disable(logging.WARNING)
     rows: dict[str, list[Listed]] = {}
     for one in listed():

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import json
 import logging
-import signal
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import closing, contextmanager, nullcontext
+from contextlib import closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
@@ -27,6 +26,7 @@ from mazebot.common.node.executive import Executive, MemoryTransport, StalledErr
 from mazebot.common.node.node import Node
 from mazebot.common.recordings.run_folder import TO_COMPRESS
 from mazebot.common.settings.load import config_flag, load, world_hash_of_run
+from mazebot.common.stop_signals import stopped_by
 from mazebot.common.world.map_files import read_map
 from mazebot.embedded.compile_progress import CompileProgress
 from mazebot.embedded.compiling import CompilingStoppedError, compiled_side_by_side
@@ -473,7 +473,9 @@ class _ConsoleHandler(logging.Handler):
         self._console = console
 
     def emit(self, record: logging.LogRecord) -> None:
-        self._console.print(self.format(record), markup=False, highlight=False)
+        # A run whose output nobody takes is closed as any other.
+        with suppress(OSError):
+            self._console.print(self.format(record), markup=False, highlight=False)
 
 
 def _progress(console: Console) -> Progress:
@@ -492,12 +494,5 @@ def _progress(console: Console) -> Progress:
 def _stop_on_signal() -> Iterator[list[int]]:
     """A list that is empty until a stop signal is received."""
     stopped: list[int] = []
-    before = {
-        number: signal.signal(number, lambda got, _: stopped.append(got))
-        for number in (signal.SIGINT, signal.SIGTERM)
-    }
-    try:
+    with stopped_by(lambda number, _: stopped.append(number)):
         yield stopped
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

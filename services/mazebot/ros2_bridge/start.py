@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import signal
 import sys
 import tempfile
 import threading
@@ -18,6 +17,7 @@ from mazebot.common.config import ConfigError, fail
 from mazebot.common.files.key_file import Key
 from mazebot.common.node.log import RosFormatter
 from mazebot.common.settings.load import load
+from mazebot.common.stop_signals import on_stop
 from mazebot.ros2_bridge.config import NAME, Ros2BridgeConfig
 from mazebot.ros2_bridge.dds import Dds, prepare_environment
 
@@ -66,8 +66,7 @@ def run(config: Ros2BridgeConfig, bus_config: BusConfig) -> None:
     keys = bus_config.keys
     domain_id = keys.domain_id if config.domain_id is None else config.domain_id
     stopped = threading.Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stopped.set())
+    on_stop(lambda *_: stopped.set())
     name = keys.whole_name(NAME)
     sides = Dds(domain_id, name), Dds(domain_id, f"{name}_of_other_types")
     threads = [threading.Thread(target=_spin, args=(each, stopped)) for each in sides]

@@ -5,7 +5,9 @@ from __future__ import annotations
 import signal
 from collections.abc import Iterable
 
-STOPS = (signal.SIGTERM, signal.SIGINT)
+from mazebot.common.stop_signals import stop_signals
+
+STOPS = stop_signals()
 
 
 def stop_came(timeout_s: float, others: Iterable[signal.Signals] = ()) -> bool:

@@ -117,6 +117,7 @@ def up(
     from mazebot.cli.stack.control import refuse_second, start  # noqa: PLC0415
     from mazebot.cli.stack.plan import StackOptions, plan_of, service_names  # noqa: PLC0415
     from mazebot.cli.stack.state import StackFolder  # noqa: PLC0415
+    from mazebot.common.stop_signals import on_stop  # noqa: PLC0415
 
     folder = StackFolder(router_port(port))
     refuse_second(folder)
@@ -142,8 +143,7 @@ def up(
         _say(f"left out, as they run on {connect} already: {', '.join(plan.left_out)}")
     _compile_kernels()
     # What ends the command from now on ends the stack.
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.default_int_handler)
+    on_stop(signal.default_int_handler)
     try:
         state = start(plan, folder)
         _say(
@@ -151,8 +151,8 @@ def up(
         )
         code = _wait(folder, connect is not None) if detach else _follow(folder, state)
     except KeyboardInterrupt:
-        # A second Ctrl-C must not leave half of them.
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        # A second one must not leave half of them.
+        on_stop(lambda *_: None)
         _say("ending the services")
         _end(folder)
         code = _INTERRUPTED

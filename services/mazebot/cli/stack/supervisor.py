@@ -27,6 +27,7 @@ from mazebot.cli.stack.state import (
     StackState,
     how_ended,
 )
+from mazebot.common.stop_signals import on_stop
 
 SUPERVISOR = "up"
 """The name under which it writes to the log."""
@@ -228,8 +229,7 @@ def _end_with_parent() -> None:
 def main() -> None:
     """Run the stack whose plan is on standard input, until SIGTERM."""
     supervisor = Supervisor(StackPlan.model_validate_json(sys.stdin.read()))
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, supervisor.stop)
+    on_stop(supervisor.stop)
     supervisor.run()
 
 

@@ -6,7 +6,6 @@ import contextlib
 import logging
 import os
 import queue
-import signal
 import sys
 import threading
 import time
@@ -39,6 +38,7 @@ from mazebot.common.node.diagnostics import SelfReport
 from mazebot.common.node.node import ClockNode, Envelope, Inbox, Node, Outbox, Trigger
 from mazebot.common.resident import give_back_freed
 from mazebot.common.settings.load import load
+from mazebot.common.stop_signals import on_stop
 
 if TYPE_CHECKING:
     import zenoh
@@ -79,8 +79,7 @@ def main(config_type: type[C], node_type: Callable[[C], Node]) -> NoReturn:
     """
     name: str = node_type.name  # type: ignore[attr-defined]
     stop = threading.Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
+    on_stop(lambda *_: stop.set())
     try:
         config = load(config_type, name, sys.argv[1:])
         bus_config = load(BusConfig, "bus", [])

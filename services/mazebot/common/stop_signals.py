@@ -1,0 +1,61 @@
+"""The signals that stop a command which has something to close."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import stat
+from collections.abc import Callable, Iterator
+from types import FrameType
+from typing import Any
+
+Handler = Callable[[int, FrameType | None], object]
+
+# Windows has no SIGHUP.
+_NAMES = ("SIGINT", "SIGTERM", "SIGHUP")
+_OUTPUTS = (1, 2)
+
+
+def stop_signals() -> tuple[signal.Signals, ...]:
+    """Ctrl-C, SIGTERM and the end of the terminal; not the last one where it is ignored, as by
+    `nohup`.
+    """
+    there = [signal.Signals[name] for name in _NAMES if name in signal.Signals.__members__]
+    return tuple(
+        one for one in there if one.name != "SIGHUP" or signal.getsignal(one) is not signal.SIG_IGN
+    )
+
+
+def on_stop(handler: Handler) -> dict[signal.Signals, Any]:
+    """Have a function called on each stop signal; returns what was called before. What is written
+    after the end of the terminal goes nowhere, and is no error.
+    """
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        _leave_ended_terminal()
+        handler(number, frame)
+
+    return {number: signal.signal(number, handle) for number in stop_signals()}
+
+
+@contextlib.contextmanager
+def stopped_by(handler: Handler) -> Iterator[None]:
+    """As `on_stop`, while the context lasts."""
+    before = on_stop(handler)
+    try:
+        yield
+    finally:
+        for number, one in before.items():
+            signal.signal(number, one)
+
+
+def _leave_ended_terminal() -> None:
+    """Put the null device in the place of a terminal that is no longer there."""
+    for fd in _OUTPUTS:
+        with contextlib.suppress(OSError):
+            # One that has ended is still a device, but answers as a terminal no more.
+            if stat.S_ISCHR(os.fstat(fd).st_mode) and not os.isatty(fd):
+                null = os.open(os.devnull, os.O_WRONLY)
+                os.dup2(null, fd)
+                os.close(null)
