@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
+from mazebot.cli.output import OutputError, finish_output, give_up_output, open_output
 from mazebot.cli.parsing.patience import patience
 
 GROUPS = ("topic", "recordings", "world", "map", "markers", "sim", "keys", "security")
+_NOT_WRITTEN = 2
 
 
 def named(arguments: Sequence[str]) -> str:
@@ -24,6 +25,21 @@ def main() -> NoReturn:
     # The threads of NumPy's, SciPy's and OpenCV's OpenBLAS wait for work in a loop: 0.2 s of
     # processor time in each process that starts. No matrix here is large enough for them.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    open_output()
+    try:
+        code = _run()
+        finish_output()
+    except (BrokenPipeError, OutputError) as error:
+        give_up_output()
+        code = 0
+        if isinstance(error, OutputError):
+            sys.stderr.write(f"error: {error}\n")
+            code = _NOT_WRITTEN
+    _end(code)
+
+
+def _run() -> str | int | None:
+    """Run the command and return its exit code."""
     try:
         with patience(named(sys.argv)):
             from mazebot.cli import app  # noqa: PLC0415 - loads every command
@@ -31,9 +47,9 @@ def main() -> NoReturn:
             app.main()
     except KeyboardInterrupt:
         # While it was loaded.
-        _end(130)
+        return 130
     except SystemExit as ended:
-        _end(ended.code)
+        return ended.code
 
 
 def _end(code: str | int | None) -> NoReturn:
@@ -42,9 +58,6 @@ def _end(code: str | int | None) -> NoReturn:
     """
     if "zenoh" not in sys.modules or not isinstance(code, int):
         sys.exit(code)
-    for stream in (sys.stdout, sys.stderr):
-        with contextlib.suppress(BrokenPipeError):
-            stream.flush()
     os._exit(code)
 
 

@@ -279,9 +279,9 @@ def _told(line: str, details: str = "") -> int:
     the exit code.
     """
     code = 2
+    sys.stderr.write(f"error: {line}\n{details}".rstrip() + "\n")
     if "--json" in sys.argv:
         sys.stdout.write(json.dumps({"error": line, "exit_code": code}) + "\n")
-    sys.stderr.write(f"error: {line}\n{details}".rstrip() + "\n")
     return code
 
 
