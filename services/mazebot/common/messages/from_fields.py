@@ -12,7 +12,7 @@ from mazebot.common.messages import messages as msg
 from mazebot.common.settings.known_settings import unknown_name
 
 _INTEGERS = {
-    f"{sign}int{bits}": (0 if sign else -(2 ** (bits - 1)), 2 ** (bits if sign else bits - 1) - 1)
+    f"{sign}int{bits}": (0 if sign else -(1 << bits - 1), (1 << (bits if sign else bits - 1)) - 1)
     for sign in ("u", "")
     for bits in (8, 16, 32, 64)
 }
