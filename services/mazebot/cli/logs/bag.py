@@ -142,10 +142,10 @@ def _log(found: _Found, places: _Places, set_back: int) -> Log:
     ]
     left_out = len(poses) - len(entries)
     scans: list[LoggedScan] = [told.says for told in found.scans]
-    times_ns = _one_by_one(scan_times_ns, [scan.frame_id for scan in scans])
+    apart_ns = _one_by_one(scan_times_ns, [scan.frame_id for scan in scans])
     entries += [
         Entry(time_ns, None, _mounted(scan, mounts[scan.frame_id]))
-        for time_ns, scan in zip(times_ns, scans, strict=True)
+        for time_ns, scan in zip(apart_ns, scans, strict=True)
     ]
     entries.sort(key=lambda entry: (entry.stamp_ns, entry.scan is not None))
     return Log(

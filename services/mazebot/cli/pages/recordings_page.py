@@ -140,8 +140,8 @@ _COMMANDS = (
     (
         "prune",
         "deletes the runs beyond `--keep-days`, `--keep-gb` and `--keep-last`, after asking; "
-        "`--dry-run` only lists them. A run that is being recorded or is yet to be repaired, or with "
-        f"the tag `{KEEP}`, stays. "
+        "`--dry-run` only lists them. A run that is being recorded or is yet to be repaired, or "
+        f"with the tag `{KEEP}`, stays. "
         "The recorder does the same by itself with `keep_days` and `keep_gib` "
         "([parameters](parameters.md))",
     ),

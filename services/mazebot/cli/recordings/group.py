@@ -188,7 +188,7 @@ def prune(
     yes: Annotated[bool, typer.Option("--yes", "-y", help="do not ask for confirmation")] = False,
     as_json: Json = False,
 ) -> None:
-    """Delete old runs; never one with the tag `keep`, nor one that is being recorded or to be repaired."""
+    """Delete old runs; never one with the tag `keep`, nor one that is still being recorded."""
     from mazebot.cli.recordings.change import prune_runs  # noqa: PLC0415
     from mazebot.common.recordings.retention import Kept  # noqa: PLC0415
 
