@@ -264,27 +264,34 @@ class Drive:
             self.giving_way.reset()
             robot.controller_server.interrupt()
             return None, navigator.step(now_ns)
+        request, teleop = navigator.request, robot.view.teleop
         searching = measured.wants_motion(epoch)
-        if navigator.request is None and not (searching and measured.is_searching()):
-            self._search = None
-            self._slips = measured.wheels_slip(epoch)
-            self.back_off.end()
-            if robot.view.teleop is not None:
-                return robot.view.teleop, None
+        if request is None and (teleop is not None or not (searching and measured.is_searching())):
+            self._end_own_motion(measured, epoch)
+            if teleop is not None:
+                return teleop, None
             return self._out_of_the_way(now_ns, measured), None
         if measured.is_blind(now_ns, self.sensor_timeout_s):
             # What it would meet on the way of a ramp is not known.
             self.smoother.reset()
             return STOP, None
-        away = None if navigator.paused else self._out_of_the_way(now_ns, measured)
+        by_person = (
+            request is not None and request.action == "AssistedTeleop" and teleop is not None
+        )
+        stays = navigator.paused or by_person
+        away = None if stays else self._out_of_the_way(now_ns, measured)
         navigator.gives_way = away is not None
         ended = navigator.step(now_ns)
+        if by_person:
+            self._end_own_motion(measured, epoch)
+            return robot.command, ended
         if away is not None and ended is None:
             return away, None
         back = self._backs_off(now_ns, measured, epoch)
         if back is not None:
             return back, ended
-        if searching and robot.view.map_from_base is None and navigator.hold != "paused":
+        # A task that needs no pose has a command of its own.
+        if searching and (request is None or navigator.hold == "lost"):
             if self._search is None:
                 self._search = SearchMotion(self.search, look_around=bool(robot.docks))
             command = self._search.step(
@@ -293,6 +300,12 @@ class Drive:
             return command, ended
         self._search = None
         return robot.command, ended
+
+    def _end_own_motion(self, measured: Measurements, epoch: int | None) -> None:
+        """Neither search for the pose nor back off: a person drives, or there is no task."""
+        self._search = None
+        self._slips = measured.wheels_slip(epoch)
+        self.back_off.end()
 
     def _backs_off(self, now_ns: int, measured: Measurements, epoch: int | None) -> Velocity | None:
         """The command of a robot that could not go on; None: it can."""
