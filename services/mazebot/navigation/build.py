@@ -27,7 +27,7 @@ from mazebot.navigation.planners import make_planner
 from mazebot.navigation.planning.interface import PlannerParams
 from mazebot.navigation.robot.controller_server import ControllerServer
 from mazebot.navigation.robot.planner_server import PlannerServer
-from mazebot.navigation.robot.robot_context import RobotContext
+from mazebot.navigation.robot.robot_context import RobotContext, Told
 
 _PERIOD_S = CONTROL_PERIOD_NS * 1e-9
 
@@ -67,6 +67,7 @@ def made_drive(
         WAFFLE.padded(settings.footprint_padding), costmap, local,
         made_planner_server(config, costmap, zones),
         ControllerServer(server, controllers, period_s),
+        told=Told(config.collision_monitor.enabled),
     )  # fmt: skip
     params = NavigatorParams(
         config.bt_navigator, config.waypoint_follower, config.behavior_server,

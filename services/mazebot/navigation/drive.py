@@ -404,7 +404,7 @@ class Drive:
         if view.hidden and self.depth_sources.collision_monitor:
             # They stand where they were seen.
             sources["depth"] = SourcePoints(now_ns, view.hidden_m)
-        self.monitor.enabled = self.robot.monitor_enabled
+        self.monitor.enabled = self.robot.told.monitor_enabled
         pose = view.map_from_base
         # Without a pose, tracks in the map cannot be told from where the robot is.
         moving = NOTHING_MOVES if pose is None else moving_in_base(view.tracks, pose)

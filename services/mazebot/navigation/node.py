@@ -116,7 +116,7 @@ from mazebot.navigation.messages import (
 from mazebot.navigation.queries import clear_costmap, compute_path, smooth_path
 from mazebot.navigation.reports import DriveReports
 from mazebot.navigation.robot.measurements import Measurements
-from mazebot.navigation.robot.robot_context import RobotContext
+from mazebot.navigation.robot.robot_context import RobotContext, Told
 from mazebot.navigation.robot.robot_limits import DriveLimits, beyond, limits_of, within
 from mazebot.navigation.robot.stop_level import severest, stop_causes
 
@@ -176,8 +176,7 @@ class NavigationNode(Node):
         self._reports = DriveReports()
         self._schedule = Schedule()
         self._masks = masks_of(config)
-        self._names_heard: dict[str, str] = {}
-        """See RobotContext: they hold for all worlds and maps."""
+        self._told = Told(config.collision_monitor.enabled)
         self._goals = Goals()
         self._exploration: ExplorationStatus | None = None
         self._kept: act.NavigationCheckpoint | None = None
@@ -419,7 +418,7 @@ class NavigationNode(Node):
         """Navigation for a map, with the zones of the world and of the masks."""
         random = random_generator(self._watch.seed, "navigation/control")
         drive = made_drive(self._driven, frame, cells, random, self._zones(frame))
-        drive.robot.names_heard = self._names_heard
+        drive.robot.told = self._told
         return drive
 
     def _zones(self, frame: GridFrame) -> Zones | None:
@@ -560,7 +559,7 @@ class NavigationNode(Node):
                     inbox.reject(topic, "unknown name")
                     _LOG.error("%s: %s", topic.name, error.message)
                 else:
-                    robot.names_heard[topic.name.lstrip("/")] = name.data
+                    robot.told.names_heard[topic.name.lstrip("/")] = name.data
 
     def _hear_goal_updates(self, now_ns: int, inbox: Inbox, robot: RobotContext) -> None:
         """Take where the goal of the task has moved to."""
@@ -614,10 +613,8 @@ class NavigationNode(Node):
         for clear in inbox.requests(CLEAR_COSTMAP):
             clear.respond(clear_costmap(clear.message, ready))
         for toggle in inbox.requests(TOGGLE_COLLISION_MONITOR):
-            if drive is not None:
-                drive.robot.toggle_collision_monitor(toggle.message.enable)
-            missing = "" if drive is not None else "navigation is waiting for the map"
-            toggle.respond(act.Reply(error=missing))
+            self._told.monitor_enabled = toggle.message.enable
+            toggle.respond(act.Reply())
 
     def _set_parameters(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
         """Change parameters, also while the robot drives."""
@@ -637,6 +634,9 @@ class NavigationNode(Node):
         config = with_values(self._config, values)
         check_parts(config)
         self._drive_by(config)
+        if "collision_monitor.enabled" in values:
+            # Whatever it was toggled to since.
+            self._told.monitor_enabled = config.collision_monitor.enabled
         told = self.parameters()
         changed = {name: value_of(told.values, name) for name in values}
         self._changed = {**self._changed, **changed}

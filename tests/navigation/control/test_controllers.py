@@ -268,6 +268,18 @@ def test_the_same_seed_gives_the_same_bytes_and_another_does_not() -> None:
     assert first.tobytes() != other.tobytes()
 
 
+def test_a_goal_critic_that_is_not_enabled_has_no_say() -> None:
+    costmap, _ = room()
+    commands = []
+    for weight in (0.0, 100.0):
+        critic = {"enabled": False, "cost_weight": weight}
+        controller = made("mppi", batch_size=300, GoalCritic=critic)
+        controller.set_path(line((1.0, 1.0), (2.0, 1.0)), same_goal=False)
+        around = Surroundings(SE2(1.0, 1.0, 0.0), costmap, NO_ECHOES)
+        commands.append([controller.step(0.05, around).velocity for _ in range(5)])
+    assert commands[0] == commands[1]
+
+
 def test_a_smaller_batch_is_counted_and_drives_too() -> None:
     controller = made("mppi")
     assert isinstance(controller, MPPIController)

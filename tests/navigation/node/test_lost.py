@@ -89,4 +89,4 @@ def test_a_person_who_drives_is_obeyed(lost: NodeDriver, assisted: bool) -> None
     drive_by_hand(lost, 0.0, 40)
     assert not any(map(any, commands(lost)[20:]))
     drive_by_hand(lost, 0.05, 20)
-    assert commands(lost)[-1] == Velocity(pytest.approx(0.05), 0.0)
+    assert commands(lost)[-1] == pytest.approx(Velocity(0.05, 0.0))

@@ -40,6 +40,16 @@ _SENT_WITH_NS = 500_000_000
 
 
 @dataclass
+class Told:
+    """What navigation was told while it runs: it holds for all worlds and maps."""
+
+    monitor_enabled: bool = True
+    """Whether the collision monitor checks commands."""
+    names_heard: dict[str, str] = field(default_factory=dict)
+    """Last name of a plugin heard on each selector topic, such as `planner_selector`."""
+
+
+@dataclass
 class RobotContext:
     """See NavigationContext. The caller gives it a view, lets behaviors act, and takes the
     command.
@@ -61,9 +71,7 @@ class RobotContext:
     controlled: bool = False
     """Whether the command is the controller's."""
     wants_global_localization: bool = False
-    monitor_enabled: bool = True
-    names_heard: dict[str, str] = field(default_factory=dict)
-    """Last name of a plugin heard on each selector topic, such as `planner_selector`."""
+    told: Told = field(default_factory=Told)
     _goal_ns: int = 0
     """When the task got its goal."""
     _goal_update: SE2 | None = None
@@ -237,7 +245,7 @@ class RobotContext:
 
     def selected(self, topic_name: str) -> str | None:
         """See NavigationContext."""
-        return self.names_heard.get(topic_name.lstrip("/"))
+        return self.told.names_heard.get(topic_name.lstrip("/"))
 
     def hear_goal_update(self, goal: SE2, stamp_ns: int) -> bool:
         """Take where the goal of the task has moved to, sent at a time, 0 where that is not known;
@@ -286,4 +294,4 @@ class RobotContext:
 
     def toggle_collision_monitor(self, enable: bool) -> None:
         """See NavigationContext."""
-        self.monitor_enabled = enable
+        self.told.monitor_enabled = enable

@@ -245,7 +245,8 @@ class MPPIController(PathFollower):
             for name, critic in self._critics:
                 if name == "GoalCritic":
                     self._set_furthest(scene)
-                critic.score(scene)
+                if critic is not None:
+                    critic.score(scene)
                 if scene.failed:
                     return False
             self._update()
@@ -401,13 +402,15 @@ def _limits(params: MPPIParams, robot: Robot) -> Limits:
     )
 
 
-def _critics(params: MPPIParams) -> tuple[tuple[str, Critic], ...]:
-    made: list[tuple[str, Critic]] = []
+def _critics(params: MPPIParams) -> tuple[tuple[str, Critic | None], ...]:
+    """Those that are used, by name; None in the place of a goal critic that is not."""
+    made: list[tuple[str, Critic | None]] = []
     for name, critic in critics_in_order():
         own = getattr(params, name)
-        if not own.enabled and name != "GoalCritic":
-            continue
-        if critic is ConstraintCritic:
+        if not own.enabled:
+            if name == "GoalCritic":
+                made.append((name, None))
+        elif critic is ConstraintCritic:
             made.append((name, ConstraintCritic(own, params.vx_min, params.vx_max)))
         else:
             made.append((name, critic(own)))
