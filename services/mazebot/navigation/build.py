@@ -4,6 +4,9 @@ monitor.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
 import numpy as np
 
 from mazebot.common.world.costmap import Cells
@@ -89,29 +92,42 @@ def reconfigure(
     drive: Drive, before: NavigationConfig, config: NavigationConfig, random: np.random.Generator
 ) -> None:
     """Drive on with other parameters of the controller server, the velocity smoother and the
-    collision monitor. Percentages of speed zones stay those of the speed at the start.
+    collision monitor. What has the same parameters as before goes on as it is. Percentages of speed
+    zones stay those of the speed at the start.
+
+    Raises ConfigError, and changes nothing, where a controller that is named cannot be used.
     """
-    server = config.controller_server
-    drive.robot.controller_server.reconfigure(server, _made_controllers(config, random))
+    server, robot = config.controller_server, drive.robot
+    kept = {
+        name: one
+        for name, one in robot.controller_server.controllers.items()
+        if server.params_of(name) == before.controller_server.params_of(name)
+        and server.limits() == before.controller_server.limits()
+    }
+    robot.controller_server.reconfigure(server, _made_controllers(config, random, kept))
     smoother = VelocitySmoother(config.velocity_smoother, server)
     smoother.reset(drive.smoother.last)
     drive.smoother = smoother
     if config.collision_monitor != before.collision_monitor:
-        # Otherwise it stays as it was toggled.
         drive.monitor = CollisionMonitor(config.collision_monitor, WAFFLE)
     drive.sensor_timeout_s = server.sensor_timeout
     drive.depth_sources = _depth_sources(config)
 
 
 def _made_controllers(
-    config: NavigationConfig, random: np.random.Generator
+    config: NavigationConfig,
+    random: np.random.Generator,
+    kept: Mapping[str, Controller] = MappingProxyType({}),
 ) -> dict[str, Controller]:
+    """The controllers by name: those that are kept, and new ones."""
     server = config.controller_server
-    made = Robot(server, control_period_s=_PERIOD_S)
+    made = Robot(server.limits(), control_period_s=_PERIOD_S)
     return {
-        name: _checked_controller(name, make_controller(name, server.params_of(name), made, random))
+        name: kept[name] if name in kept else _checked_controller(
+            name, make_controller(name, server.params_of(name), made, random)
+        )
         for name in dict.fromkeys((server.controller, "mppi", "regulated_pure_pursuit"))
-    }
+    }  # fmt: skip
 
 
 def _depth_sources(config: NavigationConfig) -> DepthSources:

@@ -20,7 +20,12 @@ from mazebot.common.config import ConfigError
 from mazebot.common.files.root import ROOT
 from mazebot.common.maths.frames import SE2, Array
 from mazebot.navigation.control.collision import Surroundings, Velocity
-from mazebot.navigation.control.controller import Control, Controller, ControllerParams
+from mazebot.navigation.control.controller import (
+    Control,
+    Controller,
+    ControllerParams,
+    TakesOver,
+)
 from mazebot.navigation.costmap.layered_costmap import Costmap
 from mazebot.navigation.errors import NavigationError
 from mazebot.navigation.planning.interface import GlobalPlanner, PlannerParams
@@ -192,6 +197,12 @@ class OwnController:
         """See Controller."""
         with self._own.calling("set_path", NavigationError):
             self._controller.set_path(deepcopy(path), same_goal)
+
+    def take_over(self, velocity: Velocity, index: int = 0, xy_reached: bool = False) -> None:
+        """See TakesOver; one that cannot begins as it was made."""
+        if isinstance(self._controller, TakesOver):
+            with self._own.calling("take_over"):
+                self._controller.take_over(velocity, index, xy_reached)
 
     def step(self, elapsed_s: float, around: Surroundings) -> Control:
         """See Controller."""

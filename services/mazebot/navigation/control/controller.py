@@ -139,6 +139,18 @@ class Controller(Protocol):
         """Drop the path and the last command."""
 
 
+@runtime_checkable
+class TakesOver(Protocol):
+    """A controller that can go on where another one drove, or the same one with other parameters:
+    without a stop. Those that are derived from Mazebot's bases can.
+    """
+
+    def take_over(self, velocity: Velocity, index: int = 0, xy_reached: bool = False) -> None:
+        """Go on from the last command of the one before, which had come to a point of this path;
+        called after `set_path`.
+        """
+
+
 class PathlessController:
     """A base for controllers that need no path: keeps what the interface asks for.
 
@@ -177,6 +189,10 @@ class PathlessController:
     def set_path(self, path: PlannedPath, same_goal: bool) -> None:
         """See Controller."""
         self._path = path
+
+    def take_over(self, velocity: Velocity, index: int = 0, xy_reached: bool = False) -> None:
+        """See TakesOver."""
+        self._velocity = velocity
 
     def stop(self) -> None:
         """See Controller."""

@@ -67,9 +67,9 @@ class GoalChecker:
         """Whether only the final turn is left."""
         return self._xy_reached
 
-    def reset(self) -> None:
-        """Begin with another goal."""
-        self._xy_reached = False
+    def reset(self, xy_reached: bool = False) -> None:
+        """Begin with another goal, or with one whose position was reached."""
+        self._xy_reached = xy_reached
 
     def check_position(self, pose: SE2, goal: SE2, remaining_m: float) -> bool:
         """Update and return `xy_reached`; `remaining_m` is the length of the path that is left."""

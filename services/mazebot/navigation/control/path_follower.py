@@ -71,6 +71,12 @@ class PathFollower(ABC):
             self._goal_checker.reset()
             self._begin()
 
+    def take_over(self, velocity: Velocity, index: int = 0, xy_reached: bool = False) -> None:
+        """See TakesOver."""
+        self._velocity = velocity
+        self._handler.index = index
+        self._goal_checker.reset(xy_reached)
+
     def stop(self) -> None:
         """Drop the path and the last command: the robot was commanded to stop."""
         self._handler.set_path(None)

@@ -13,7 +13,13 @@ from mazebot.common.messages.error_codes import ErrorCode
 from mazebot.navigation.behavior.context import FollowRequest, TrackingFeedback
 from mazebot.navigation.behavior.nodes.path_parts import begin_index, piece
 from mazebot.navigation.control.collision import Surroundings, Velocity
-from mazebot.navigation.control.controller import Control, Controller, ControllerParams, RobotLimits
+from mazebot.navigation.control.controller import (
+    Control,
+    Controller,
+    ControllerParams,
+    RobotLimits,
+    TakesOver,
+)
 from mazebot.navigation.control.mppi.critic_params import MPPIParams
 from mazebot.navigation.control.regulated_pure_pursuit import RegulatedPurePursuitParams
 from mazebot.navigation.control.safety.progress_checker import ProgressChecker, ProgressParams
@@ -89,6 +95,10 @@ class ControllerServerParams(RobotLimits):
         }  # fmt: skip
         return built_in.get(name, self.controller_params)
 
+    def limits(self) -> RobotLimits:
+        """What every controller keeps to."""
+        return RobotLimits(**{name: getattr(self, name) for name in RobotLimits.model_fields})
+
 
 class ControllerServer:
     """Runs one of the controllers along a path."""
@@ -104,6 +114,8 @@ class ControllerServer:
         self.controllers = controllers
         self.controller = controllers[params.controller]
         """The one that was used last."""
+        self._asked_for = ""
+        """Its name, as it was asked for."""
         self.followed: PlannedPath | None = None
         self.nearest = 0
         """Index of the point of that path nearest to the robot."""
@@ -129,14 +141,16 @@ class ControllerServer:
             and followed is not None
             and followed.goal == request.path.goal
         )
+        last = None
         if controller is not self.controller:
+            last = self.controller.velocity
             self.controller.stop()
         if not continues:
             self._progress.reset()
             self._stuck.reset()
             self._blocked_since_ns = None
         is_new = followed is not request.path or not continues
-        self.controller = controller
+        self.controller, self._asked_for = controller, request.controller_id
         self.followed = request.path
         # A path that is kept began further back.
         if continues and followed is request.path:
@@ -146,6 +160,8 @@ class ControllerServer:
         self.nearest = first
         rest = piece(request.path, first, len(request.path.points_m))
         controller.set_path(rest, same_goal=continues)
+        if last is not None and isinstance(controller, TakesOver):
+            controller.take_over(last)
         return is_new
 
     def check_name(self, controller_id: str) -> None:
@@ -231,17 +247,24 @@ class ControllerServer:
     def reconfigure(
         self, params: ControllerServerParams, controllers: Mapping[str, Controller]
     ) -> None:
-        """Go on along the same path with other parameters, and controllers made by them."""
-        before = self.controller
-        name = next(name for name, one in self.controllers.items() if one is before)
-        self.params, self.controllers = params, controllers
-        self.controller = controllers.get(name, controllers[params.controller])
-        if before.path is not None:
-            self.controller.set_path(before.path, same_goal=False)
-        self._progress_params, self._stuck_params = _patient(params)
-        self._progress = ProgressChecker(self._progress_params)
-        self._stuck = StuckDetector(self._stuck_params)
-        self._blocked_since_ns = None
+        """Go on along the same path with other parameters, and controllers made by them: those that
+        are the same go on as they are.
+        """
+        before, default = self.controller, controllers[params.controller]
+        asked_for = self._asked_for
+        controller = default if asked_for in _NAV2_DEFAULTS else controllers.get(asked_for, default)
+        if controller is not before and before.path is not None:
+            controller.set_path(before.path, same_goal=False)
+            if isinstance(controller, TakesOver):
+                controller.take_over(before.velocity, before.index, before.xy_reached)
+            before.stop()
+        self.params, self.controllers, self.controller = params, controllers, controller
+        progress, stuck = _patient(params)
+        if progress != self._progress_params:
+            self._progress = ProgressChecker(progress)
+        if stuck != self._stuck_params:
+            self._stuck = StuckDetector(stuck)
+        self._progress_params, self._stuck_params = progress, stuck
 
     def interrupt(self) -> None:
         """The robot does something else in this period: that is no failure of the controller."""

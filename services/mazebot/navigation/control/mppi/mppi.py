@@ -152,6 +152,12 @@ class MPPIController(PathFollower):
         self._turning = False
         self._origin = None
 
+    def take_over(self, velocity: Velocity, index: int = 0, xy_reached: bool = False) -> None:
+        """See TakesOver. The sequence begins as going on at that velocity."""
+        super().take_over(velocity, index, xy_reached)
+        self._linear[:], self._angular[:] = velocity
+        self._history = [velocity] * HISTORY
+
     def _drive(
         self, elapsed_s: float, around: Surroundings, path: PlannedPath
     ) -> tuple[Velocity, bool]:
