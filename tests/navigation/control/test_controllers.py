@@ -84,6 +84,58 @@ def test_commands_keep_the_limits_and_end_in_a_stop(name: str) -> None:
     assert tuple(commands[-1]) == STOP
 
 
+def test_each_command_of_mppi_keeps_its_own_limits() -> None:
+    """Turns at the start and at the goal, the way between them, and braking before a zone."""
+    costmap, faces = room()
+    gentle = {
+        "vx_max": 0.3, "wz_max": 0.5, "ax_max": 0.5, "ax_min": -0.3, "az_max": 0.8
+    }  # fmt: skip
+    told = drive(
+        made("mppi", **gentle), costmap, Unicycle(SE2(1.0, 1.0, -2.5)), SE2(3.0, 2.0, 2.5), faces,
+        path=line((1.0, 1.0), (3.0, 2.0), yaw_rad=2.5), limit_s=40.0,
+        speed_limit_m_s=lambda now_s: 0.1 if now_s > 10.0 else math.inf,
+    )  # fmt: skip
+    commands = np.array(told.commands)
+    changes = np.diff(np.concatenate([[STOP], commands]), axis=0) / 0.05
+    assert told.reached
+    assert commands[:, 0].max() <= 0.3 + 1e-9
+    assert np.abs(commands[:, 1]).max() == pytest.approx(0.5)
+    assert changes[:, 0].max() <= 0.5 + 1e-6
+    assert changes[:, 0].min() == pytest.approx(-0.3)
+    assert np.abs(changes[:, 1]).max() <= 0.8 + 1e-6
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("decel", [0.1, 0.3, 0.6])
+def test_a_robot_that_brakes_gently_does_not_pass_its_goal(name: str, decel: float) -> None:
+    costmap, faces = room()
+    gentle = Robot(RobotLimits(max_linear_accel=decel, max_angular_accel=0.3))
+    controller = make_controller(name, {}, gentle, np.random.default_rng(1))
+    path = line((0.5, 1.0), (2.5, 1.0), yaw_rad=1.0)
+    robot = Unicycle(SE2(0.5, 1.0, 0.0))
+    told = drive(controller, costmap, robot, path.goal, faces, path=path, limit_s=40.0)
+    assert told.reached
+    assert max(pose.x_m for pose in told.poses) < 2.5 + 0.06
+
+
+def test_a_robot_that_may_not_drive_back_leaves_a_narrow_place_by_a_turn() -> None:
+    costmap, _ = room()
+    path = line((2.0, 2.0), (1.7, 2.0), (1.7, 3.0), yaw_rad=math.pi / 2)
+    yaws_rad = path.yaws_rad.copy()
+    yaws_rad[path.along_m < 0.29] = 0.0
+    path = PlannedPath(path.points_m, yaws_rad, path.along_m, way_out_m=0.3)
+    for vx_min, speed_m_s in ((0.0, 0.0), (-0.05, -0.05)):
+        controller, robot = made("mppi", vx_min=vx_min), Unicycle(SE2(2.0, 2.0, 0.0))
+        controller.set_path(path, same_goal=False)
+        speeds = []
+        for _ in range(20):
+            around = Surroundings(robot.map_from_base, costmap, NO_ECHOES)
+            command = controller.step(0.05, around).velocity
+            robot.drive(command, 0.05)
+            speeds.append(command.linear_m_s)
+        assert min(speeds) == pytest.approx(speed_m_s)
+
+
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("width_m", [0.5, 0.6])
 def test_a_corridor_that_the_robot_fits_is_driven_through_round_a_bend(

@@ -75,16 +75,37 @@ class Robot:
     footprint: Footprint = WAFFLE
     """The convex outline in base_footprint."""
     control_period_s: float = 0.05
+    backward_m_s: float | None = None
+    """Highest speed backwards; None: as fast as the limits' max_linear_vel."""
+    linear_decel_m_s2: float | None = None
+    """Strongest braking; None: as strong as the limits' max_linear_accel."""
+
+    @property
+    def max_backward_vel(self) -> float:
+        """m/s; the highest speed backwards that a command may ask for."""
+        speed = self.backward_m_s
+        return self.limits.max_linear_vel if speed is None else speed
+
+    @property
+    def max_linear_decel(self) -> float:
+        """m/s2; the strongest braking that a command may ask for."""
+        decel = self.linear_decel_m_s2
+        return self.limits.max_linear_accel if decel is None else decel
 
     def limited(self, wanted: Velocity, last: Velocity, elapsed_s: float) -> Velocity:
         """The velocity nearest to a wanted one within the limits of speed and acceleration."""
-        dv = self.limits.max_linear_accel * elapsed_s
+        up = self.limits.max_linear_accel * elapsed_s
+        down = self.max_linear_decel * elapsed_s
         dw = self.limits.max_angular_accel * elapsed_s
         v_max, w_max = self.limits.max_linear_vel, self.limits.max_angular_vel
-        linear = min(max(wanted.linear_m_s, -v_max), v_max)
+        linear = min(max(wanted.linear_m_s, -self.max_backward_vel), v_max)
         angular = min(max(wanted.angular_rad_s, -w_max), w_max)
+        v = last.linear_m_s
+        # The other way round, it is no faster than one that begins to drive.
+        low = max(v - down, -up) if v > 0.0 else v - up
+        high = min(v + down, up) if v < 0.0 else v + up
         return Velocity(
-            min(max(linear, last.linear_m_s - dv), last.linear_m_s + dv),
+            min(max(linear, low), high),
             min(max(angular, last.angular_rad_s - dw), last.angular_rad_s + dw),
         )
 

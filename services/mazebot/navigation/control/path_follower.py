@@ -17,7 +17,9 @@ _SLOWEST_TURN_RAD_S = 0.1
 period.
 """
 _STRAIGHT_M_S = 0.12
-_SLOWEST_M_S = 0.03
+SLOWEST_M_S = 0.03
+BRAKES = 0.9
+"""A robot counts on this share of its braking, so that it follows."""
 _STRAIGHT_DECEL_M_S2 = 0.3
 _STRAIGHT_RAD, _ASKEW_RAD = 0.05, 0.2
 """A straight piece it drives with a heading that differs by less from the path's; by more than the
@@ -118,7 +120,9 @@ class PathFollower(ABC):
     def _straight(
         self, elapsed_s: float, around: Surroundings, path: PlannedPath
     ) -> Velocity | None:
-        """The velocity straight ahead or back, where the path has such a piece and that is free."""
+        """The velocity straight ahead or back, where the path has such a piece, the robot may drive
+        so, and that is free.
+        """
         left_m = self._handler.straight_m(path)
         if left_m == 0.0:
             self._aligning = False
@@ -131,12 +135,15 @@ class PathFollower(ABC):
             if not blocked:
                 return velocity
         robot = self._robot
-        speed_m_s = math.sqrt(2.0 * _STRAIGHT_DECEL_M_S2 * abs(left_m))
-        speed_m_s = min(max(speed_m_s, _SLOWEST_M_S), _STRAIGHT_M_S, around.speed_limit_m_s)
+        if left_m < 0.0 and robot.max_backward_vel == 0.0:
+            return None
+        decel = min(_STRAIGHT_DECEL_M_S2, BRAKES * robot.max_linear_decel)
+        speed_m_s = math.sqrt(2.0 * decel * abs(left_m))
+        speed_m_s = min(max(speed_m_s, SLOWEST_M_S), _STRAIGHT_M_S, around.speed_limit_m_s)
         rate_rad_s = 0.0 if self._aligning else _PER_S * error_rad
         wanted = Velocity(math.copysign(speed_m_s, left_m), rate_rad_s)
         velocity = robot.limited(wanted, self._velocity, elapsed_s)
-        stop_s = abs(velocity.linear_m_s) / robot.limits.max_linear_accel
+        stop_s = abs(velocity.linear_m_s) / robot.max_linear_decel
         horizon_s = stop_s + 2.0 * robot.control_period_s
         return velocity if first_contact_s(around, velocity, horizon_s) == math.inf else None
 

@@ -12,7 +12,7 @@ from mazebot.common.maths import portable_kernels
 from mazebot.common.maths.frames import SE2
 from mazebot.navigation.control.collision import STOP, Surroundings, Velocity, first_contact_s
 from mazebot.navigation.control.controller import ControllerParams, Robot
-from mazebot.navigation.control.path_follower import PathFollower
+from mazebot.navigation.control.path_follower import BRAKES, PathFollower
 from mazebot.navigation.planning.path import PlannedPath
 
 _ALIGNED_RAD = 0.2
@@ -153,16 +153,19 @@ class RegulatedPurePursuitController(PathFollower):
             speed_m_s *= p.cost_scaling_gain * clearance_m / p.cost_scaling_dist
         speed_m_s = max(speed_m_s, p.regulated_linear_scaling_min_speed)
         speed_m_s = min(speed_m_s, around.speed_limit_m_s)
-        if left_m >= p.approach_velocity_scaling_dist:
+        most = BRAKES * self._robot.max_linear_decel
+        # Over a longer way where the robot cannot brake within that.
+        if left_m >= max(p.approach_velocity_scaling_dist, 0.5 * speed_m_s * speed_m_s / most):
             return speed_m_s
-        approach_m_s = math.sqrt(2.0 * p.approach_decel * left_m)
+        decel = min(p.approach_decel, most)
+        approach_m_s = math.sqrt(2.0 * decel * left_m)
         return min(speed_m_s, max(approach_m_s, p.min_approach_linear_velocity))
 
     def _is_clear(self, around: Surroundings, velocity: Velocity) -> bool:
         p, robot = self._params, self._robot
         # Long enough to stop in, and no longer than the time to the carrot: beyond it the path
         # bends.
-        stop_s = abs(velocity.linear_m_s) / robot.limits.max_linear_accel
+        stop_s = abs(velocity.linear_m_s) / robot.max_linear_decel
         horizon_s = stop_s + 2.0 * robot.control_period_s
         if velocity.linear_m_s > 0.0:
             to_carrot_s = p.min_lookahead_dist / velocity.linear_m_s

@@ -7,7 +7,7 @@ judged, and their mean, weighted by how cheap each is, becomes the new sequence.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -42,7 +42,7 @@ from mazebot.navigation.control.mppi.rollouts import (
     softmax,
     weighted_mean,
 )
-from mazebot.navigation.control.path_follower import PathFollower
+from mazebot.navigation.control.path_follower import BRAKES, SLOWEST_M_S, PathFollower
 from mazebot.navigation.control.path_handler import LocalPath
 from mazebot.navigation.planning.path import PlannedPath
 
@@ -77,6 +77,7 @@ class MPPIController(PathFollower):
     Params: ClassVar[type[ControllerParams]] = MPPIParams
 
     def __init__(self, params: MPPIParams, robot: Robot, random: np.random.Generator) -> None:
+        robot = _within(params, robot)
         super().__init__(
             robot, params.rotate_to_heading_angular_vel, params.rotate_to_heading_decel
         )
@@ -168,11 +169,12 @@ class MPPIController(PathFollower):
             self._origin = None
             self._remember(turned)
             return turned, False
+        limit_m_s = min(around.speed_limit_m_s, self._stopping_m_s(local))
         if self._since_optimised < p.periods_per_optimisation and not (
             around.tracks or around.turning
         ):
             # Shifted, it is still the best that is known: no newer scan has come.
-            velocity = self._from_sequence(elapsed_s, around.speed_limit_m_s)
+            velocity = self._from_sequence(elapsed_s, limit_m_s)
             if self._can_stop(around, velocity):
                 self._remember(velocity)
                 return velocity, False
@@ -180,14 +182,14 @@ class MPPIController(PathFollower):
         if not p.open_loop and around.velocity is not None:
             start = self._robot.limited(around.velocity, self._velocity, elapsed_s)
         self._origin = around.map_from_base[:2]
-        self._limits = self._limits_at(around.speed_limit_m_s)
+        self._limits = self._limits_at(limit_m_s)
         self._window.update(around, without_tracks=p.prediction)
         for attempt in range(1 + p.retry_attempt_limit):
             if attempt:
                 # Around a standstill: a sequence that collides leads nowhere.
                 self._linear[:] = self._angular[:] = 0.0
             if self._optimise(start, around, local):
-                velocity = self._from_sequence(elapsed_s, around.speed_limit_m_s)
+                velocity = self._from_sequence(elapsed_s, limit_m_s)
                 if self._can_stop(around, velocity):
                     self._since_optimised = 0
                     self._remember(velocity)
@@ -201,6 +203,15 @@ class MPPIController(PathFollower):
         linear = min(max(float(self._linear[0]), -speed_limit_m_s), speed_limit_m_s)
         wanted = Velocity(linear, float(self._angular[0]))
         return self._robot.limited(wanted, self._velocity, elapsed_s)
+
+    def _stopping_m_s(self, local: LocalPath) -> float:
+        """The highest speed from which the robot can brake before its path ends, where it brakes
+        for much of the time that the rollouts last: too few of them show that it passes the end.
+        """
+        decel, highest_m_s = self._robot.max_linear_decel, self._robot.limits.max_linear_vel
+        if highest_m_s <= 0.25 * decel * self._params.time_steps * self._params.model_dt:
+            return math.inf
+        return max(math.sqrt(2.0 * BRAKES * decel * local.remaining_m), SLOWEST_M_S)
 
     def _limits_at(self, speed_limit_m_s: float) -> Limits:
         """The robot's limits below that of the place; a robot that is faster brakes."""
@@ -367,7 +378,7 @@ class MPPIController(PathFollower):
         """
         robot = self._robot
         horizon_s = 2.0 * robot.control_period_s + max(
-            abs(velocity.linear_m_s) / robot.limits.max_linear_accel,
+            abs(velocity.linear_m_s) / robot.max_linear_decel,
             0.5 * abs(velocity.angular_rad_s) / robot.limits.max_angular_accel,
         )
         return first_contact_s(around, velocity, 0.6 * horizon_s) == math.inf
@@ -391,19 +402,33 @@ class MPPIController(PathFollower):
         )
 
 
+def _within(params: MPPIParams, robot: Robot) -> Robot:
+    """A robot that does not go beyond the parameters' limits, nor beyond its own."""
+    limits = robot.limits
+    own = {
+        "max_linear_vel": min(params.vx_max, limits.max_linear_vel),
+        "max_angular_vel": min(params.wz_max, limits.max_angular_vel),
+        "max_linear_accel": min(params.ax_max, limits.max_linear_accel),
+        "max_angular_accel": min(params.az_max, limits.max_angular_accel),
+    }
+    return replace(
+        robot,
+        limits=limits.model_copy(update=own),
+        backward_m_s=min(-params.vx_min, robot.max_backward_vel),
+        linear_decel_m_s2=min(-params.ax_min, robot.max_linear_decel),
+    )
+
+
 def _limits(params: MPPIParams, robot: Robot) -> Limits:
-    """The parameters' limits, not beyond the robot's own."""
-    dt = params.model_dt
-    up = min(params.ax_max, robot.limits.max_linear_accel)
-    down = min(-params.ax_min, robot.limits.max_linear_accel)
-    turn = min(params.az_max, robot.limits.max_angular_accel)
+    """Of the rollouts."""
+    dt, limits = params.model_dt, robot.limits
     return Limits(
-        np.float32(max(params.vx_min, -robot.limits.max_linear_vel)),
-        np.float32(min(params.vx_max, robot.limits.max_linear_vel)),
-        np.float32(min(params.wz_max, robot.limits.max_angular_vel)),
-        np.float32(up * dt),
-        np.float32(down * dt),
-        np.float32(turn * dt),
+        np.float32(-robot.max_backward_vel),
+        np.float32(limits.max_linear_vel),
+        np.float32(limits.max_angular_vel),
+        np.float32(limits.max_linear_accel * dt),
+        np.float32(robot.max_linear_decel * dt),
+        np.float32(limits.max_angular_accel * dt),
         np.float32(dt),
     )
 
