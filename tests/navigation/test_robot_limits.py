@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import math
+from pathlib import Path
 
 import pytest
 
+from mazebot import Navigator
 from mazebot.common.messages.documents import BodyEntity, Box, Shape
 from mazebot.embedded.session import Session
 from mazebot.navigation.config import NavigationConfig
@@ -75,3 +78,59 @@ def test_the_controller_asks_for_no_more_than_the_velocity_smoother_lets_through
     assert server.max_linear_vel == 0.05
     # With no turning at all there is nothing to plan by.
     assert server.max_angular_vel == CONFIG.controller_server.max_angular_vel
+
+
+def gentle(
+    accel: tuple[float, float, float] | None, decel: tuple[float, float, float] | None
+) -> NavigationConfig:
+    smoother = CONFIG.velocity_smoother.model_copy(
+        update={"max_accel": accel, "max_decel": decel, "max_velocity": (0.3, 0.0, 0.8)}
+    )
+    return CONFIG.model_copy(update={"velocity_smoother": smoother})
+
+
+@pytest.mark.parametrize(
+    ("accel", "decel"),
+    [((0.2, 0.0, 0.5), None), ((0.2, 0.0, 2.0), (-1.0, 0.0, -0.5)), (None, (-0.2, 0.0, -0.5))],
+)
+def test_every_part_counts_on_no_more_acceleration_than_the_velocity_smoother_lets_through(
+    accel: tuple[float, float, float] | None, decel: tuple[float, float, float] | None
+) -> None:
+    driven = within(gentle(accel, decel), DriveLimits())
+    server, behaviors, docking = (
+        driven.controller_server, driven.behavior_server, driven.docking_server
+    )  # fmt: skip
+    assert (server.max_linear_accel, server.max_angular_accel) == (0.2, 0.5)
+    assert (behaviors.acceleration_limit, behaviors.deceleration_limit) == (0.2, -0.2)
+    assert (behaviors.rotational_acc_lim, behaviors.max_rotational_vel) == (0.5, 0.8)
+    assert (docking.acceleration, docking.angular_acceleration) == (0.2, 0.5)
+    # It brakes as the parameters say, and where one is missing as it does without the other.
+    smoother = driven.velocity_smoother
+    assert smoother.max_accel == (accel or (1.0, 0.0, 2.0))
+    assert smoother.max_decel == (decel or (-0.2, 0.0, -0.5))
+
+
+def test_behaviours_end_where_they_are_asked_to_behind_a_gentle_velocity_smoother(
+    tmp_path: Path,
+) -> None:
+    settings = tmp_path / "gentle.yaml"
+    settings.write_text(
+        "navigation:\n  velocity_smoother:\n"
+        "    max_accel: [0.3, 0.0, 0.3]\n    max_decel: [-0.3, 0.0, -0.3]\n"
+    )
+    with Session("original", camera=False, settings=settings) as session:
+        navigator = Navigator.in_process(session)
+        session.run_for(0.5)
+        start = session.ground_truth()
+        assert navigator.spin(1.57)
+        while not navigator.isTaskComplete():
+            pass
+        session.run_for(1.0)
+        turned = session.ground_truth()
+        assert navigator.backup(0.3, 0.2)
+        while not navigator.isTaskComplete():
+            pass
+        session.run_for(1.0)
+        end = session.ground_truth()
+    assert turned.yaw_rad - start.yaw_rad == pytest.approx(1.57, abs=0.06)
+    assert math.dist((turned.x_m, turned.y_m), (end.x_m, end.y_m)) == pytest.approx(0.3, abs=0.03)

@@ -92,8 +92,8 @@ def reconfigure(
     drive: Drive, before: NavigationConfig, config: NavigationConfig, random: np.random.Generator
 ) -> None:
     """Drive on with other parameters of the controller server, the velocity smoother and the
-    collision monitor. What has the same parameters as before goes on as it is. Percentages of speed
-    zones stay those of the speed at the start.
+    collision monitor, and begin behaviours and docking with theirs. What has the same parameters as
+    before goes on as it is. Percentages of speed zones stay those of the speed at the start.
 
     Raises ConfigError, and changes nothing, where a controller that is named cannot be used.
     """
@@ -105,6 +105,7 @@ def reconfigure(
         and server.limits() == before.controller_server.limits()
     }
     robot.controller_server.reconfigure(server, _made_controllers(config, random, kept))
+    drive.navigator.reconfigure(config.behavior_server, config.docking_server)
     smoother = VelocitySmoother(config.velocity_smoother, server)
     smoother.reset(drive.smoother.last)
     drive.smoother = smoother

@@ -41,7 +41,9 @@ def run(
     """Step a motion to its end; the commands."""
     commands: list[Velocity] = []
     for i in range(int(limit_s / PERIOD_S)):
-        step = motion.step(i * CONTROL_PERIOD_NS, PERIOD_S, robot.map_from_base, time_to_collision)
+        step = motion.step(
+            i * CONTROL_PERIOD_NS, PERIOD_S, robot.map_from_base, robot.velocity, time_to_collision
+        )
         if step.done:
             assert step.velocity == STOP
             robot.drive(STOP, 1.0)
@@ -79,6 +81,29 @@ def test_a_drive_ends_at_its_distance_and_stands(distance_m: float, speed_m_s: f
     speeds = [0.0, *(v for v, _ in commands), 0.0]
     changes = [abs(b - a) for a, b in pairwise(speeds)]
     assert max(changes) <= PARAMS.acceleration_limit * PERIOD_S + 1e-9
+
+
+@pytest.mark.parametrize(
+    "motion", [Spin(PARAMS, SpinGoal(0.5)), DriveOnHeading(PARAMS, DriveGoal(0.1, 0.3))]
+)
+def test_a_motion_ends_when_the_robot_stands_not_when_it_was_told_to(motion: Motion) -> None:
+    robot, slow = Unicycle(START), Unicycle(START)
+    for i in range(200):
+        step = motion.step(
+            i * CONTROL_PERIOD_NS, PERIOD_S, robot.map_from_base, robot.velocity, free
+        )
+        if step.done:
+            break
+        # What comes after the behaviour brakes at a tenth of what it counts on.
+        v, w = (
+            last + min(max(wanted - last, -most * PERIOD_S), most * PERIOD_S)
+            for wanted, last, most in zip(step.velocity, slow.velocity, (0.1, 0.2), strict=True)
+        )
+        slow.velocity = Velocity(v, w)
+        robot.drive(slow.velocity, PERIOD_S)
+    assert step.done
+    assert abs(robot.velocity.linear_m_s) <= 0.05
+    assert abs(robot.velocity.angular_rad_s) <= 0.15
 
 
 def test_back_up_drives_back_whatever_the_signs() -> None:
@@ -217,11 +242,15 @@ def teleop(wanted: Velocity | None, contact_s: float) -> list[Velocity]:
     for i in range(60):
         session.ask(wanted)
         step = session.step(
-            i * CONTROL_PERIOD_NS, PERIOD_S, robot.map_from_base, lambda _: contact_s
+            i * CONTROL_PERIOD_NS,
+            PERIOD_S,
+            robot.map_from_base,
+            robot.velocity,
+            lambda _: contact_s,
         )
         commands.append(step.velocity)
     session.finish()
-    assert session.step(60 * CONTROL_PERIOD_NS, PERIOD_S, START, free).done
+    assert session.step(60 * CONTROL_PERIOD_NS, PERIOD_S, START, STOP, free).done
     return commands
 
 

@@ -164,6 +164,10 @@ class BtNavigator:
         self.hold: Hold = ""
         """Why the task stood still in the last step."""
 
+    def reconfigure(self, behaviors: BehaviorServerParams, docking: DockingParams) -> None:
+        """Begin tasks with other parameters from now on."""
+        self._task_params = TaskParams(behaviors, docking)
+
     @property
     def request(self) -> Request | None:
         """The request that runs."""

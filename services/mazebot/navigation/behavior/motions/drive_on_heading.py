@@ -68,7 +68,7 @@ class DriveOnHeading(Motion):
         sign = math.copysign(1.0, goal.target_x_m)
         left_m = abs(goal.target_x_m) - self._driven_m(at.odom_from_base) * sign
         braking_m_s = -p.deceleration_limit * at.elapsed_s
-        if left_m <= 0.0 and self._speed_m_s <= braking_m_s:
+        if left_m <= 0.0 and self._speed_m_s <= braking_m_s and at.stands:
             return DONE
         if is_over(at.running_s, goal.time_allowance_s):
             raise NavigationError(

@@ -16,6 +16,7 @@ from mazebot.common.maths.frames import SE2
 from mazebot.common.robot.waffle import MAX_ANGULAR_RAD_S, MAX_LINEAR_M_S
 from mazebot.navigation.control.collision import STOP, Velocity
 
+_STANDS_M_S, _STANDS_RAD_S = 0.05, 0.15
 TimeToCollision = Callable[[Velocity], float]
 """Seconds until the robot touches something at a constant velocity; inf: not within the look-ahead.
 """
@@ -73,7 +74,15 @@ class Moment:
     elapsed_s: float
     """Time since the last command, within which the speeds may change."""
     odom_from_base: SE2
+    velocity: Velocity
+    """By odometry."""
     time_to_collision: TimeToCollision
+
+    @property
+    def stands(self) -> bool:
+        """Whether the robot stands, or does within a period or two of a stop."""
+        v, w = self.velocity
+        return abs(v) <= _STANDS_M_S and abs(w) <= _STANDS_RAD_S
 
 
 class Motion(ABC):
@@ -90,9 +99,10 @@ class Motion(ABC):
         now_ns: int,
         control_period_s: float,
         odom_from_base: SE2,
+        velocity: Velocity,
         time_to_collision: TimeToCollision,
     ) -> MotionStep:
-        """Advance by one control period.
+        """Advance by one control period, with the velocity that odometry measures.
 
         Raises NavigationError with a code of the 700s where it cannot continue.
         """
@@ -104,7 +114,9 @@ class Motion(ABC):
             elapsed_s = min(max((now_ns - self._last_ns) * 1e-9, 0.0), control_period_s)
         self._last_ns = now_ns
         running_s = (now_ns - self._start_ns) * 1e-9
-        return self._advance(Moment(running_s, elapsed_s, odom_from_base, time_to_collision))
+        return self._advance(
+            Moment(running_s, elapsed_s, odom_from_base, velocity, time_to_collision)
+        )
 
     @abstractmethod
     def _advance(self, at: Moment) -> MotionStep: ...

@@ -50,7 +50,7 @@ class Spin(Motion):
         sign = math.copysign(1.0, goal.target_yaw_rad)
         left_rad = (goal.target_yaw_rad - self.feedback) * sign
         change_rad_s = p.rotational_acc_lim * at.elapsed_s
-        if left_rad <= 0.0 and abs(self._rate_rad_s) <= change_rad_s:
+        if left_rad <= 0.0 and abs(self._rate_rad_s) <= change_rad_s and at.stands:
             return DONE
         if is_over(at.running_s, goal.time_allowance_s):
             raise NavigationError(

@@ -51,6 +51,7 @@ class MotionNode(ActionNode):
             now_ns,
             run.control_period_s,
             self.context.odom_from_base(),
+            self.context.velocity(),
             self.context.time_to_collision,
         )
         if step.done:
