@@ -12,7 +12,7 @@ from mazebot import Navigator
 from mazebot.common.messages.documents import BodyEntity, Box, Shape
 from mazebot.embedded.session import Session
 from mazebot.navigation.config import NavigationConfig
-from mazebot.navigation.robot.robot_limits import DriveLimits, beyond, limits_of, within
+from mazebot.navigation.robot_limits import DriveLimits, beyond, limits_of, within
 
 CONFIG = NavigationConfig()
 REMEMBERED = "remembered as an obstacle"

@@ -38,21 +38,27 @@ from mazebot.common.messages.topics import (
     ACTION_RESULT,
     AMCL_POSE,
     BATTERY_STATE,
+    BEHAVIOR_TREE,
     CAMERA_INFO,
     CANCEL_GOAL,
     CLEAR_COSTMAP,
     CMD_VEL,
     CMD_VEL_TELEOP,
+    COLLISION_MONITOR_STATE,
     COMPUTE_PATH,
     CONTROLLER_SELECTOR,
     DEPTH_SCAN,
     DETECTIONS,
     ENTITIES,
     EXPLORATION_STATUS,
+    GLOBAL_COSTMAP,
+    GLOBAL_COSTMAP_UPDATES,
     GLOBAL_LOCALIZATION_REQUEST,
     GOAL_POSE,
     GOAL_UPDATE,
     INPUT_AT_WAYPOINT,
+    KEEPOUT_FILTER_MASK,
+    LOCAL_COSTMAP,
     LOCALIZATION_STATUS,
     MAP,
     NAVIGATION_CHECKPOINT,
@@ -66,14 +72,17 @@ from mazebot.common.messages.topics import (
     PHOTO_REQUEST,
     PLAN,
     PLANNER_SELECTOR,
+    PUBLISHED_FOOTPRINT,
     SCAN,
     SEND_GOAL,
     SET_PARAMETERS,
     SIMULATION_STATS,
     SMOOTH_PATH,
+    SPEED_FILTER_MASK,
     TF,
     TF_STATIC,
     TOGGLE_COLLISION_MONITOR,
+    TRAJECTORIES,
     WORLD,
 )
 from mazebot.common.node.frame_tree import FrameTree
@@ -86,16 +95,21 @@ from mazebot.navigation.behavior.actions import (
     NavigateToPose,
     TaskFeedback,
 )
+from mazebot.navigation.behavior.bt_navigator import BtNavigator
+from mazebot.navigation.behavior.engine.tree import NodeSnapshot
+from mazebot.navigation.behavior.engine.tree_log import TreeLog
 from mazebot.navigation.behavior.waypoints import WaypointExchange
 from mazebot.navigation.build import made_drive, reconfigure
 from mazebot.navigation.config import CONTROL_PERIOD_NS, NavigationConfig
 from mazebot.navigation.control.collision import STOP, Velocity
 from mazebot.navigation.control.mppi.batch_pace import Batched
+from mazebot.navigation.control.mppi.mppi import MPPIController
 from mazebot.navigation.control.safety.collision_monitor import (
     MonitorState,
 )
 from mazebot.navigation.costmap.layered_costmap import (
     GridFrame,
+    LayeredCostmap,
     frame_of,
 )
 from mazebot.navigation.costmap.zones import Zones, zones_of
@@ -107,23 +121,34 @@ from mazebot.navigation.mask_files import masks_of
 from mazebot.navigation.messages import (
     battery_charge,
     camera_view,
+    costmap_message,
+    costmap_update_message,
     feedback_document,
+    footprint_message,
     goal_of,
+    mask_message,
+    monitor_document,
     path_message,
     planar_document,
+    trajectories_message,
+    tree_document,
     twist_message,
 )
 from mazebot.navigation.queries import clear_costmap, compute_path, smooth_path
-from mazebot.navigation.reports import DriveReports
 from mazebot.navigation.robot.measurements import Measurements
 from mazebot.navigation.robot.robot_context import RobotContext, Told
-from mazebot.navigation.robot.robot_limits import DriveLimits, beyond, limits_of, within
 from mazebot.navigation.robot.stop_level import severest, stop_causes
+from mazebot.navigation.robot_limits import DriveLimits, beyond, limits_of, within
 
 _LOG = logging.getLogger("navigation")
 
 _STATUS_PERIOD_NS = 500_000_000
 _FEEDBACK_PERIOD_NS = 200_000_000
+_COSTMAP_PERIOD_NS = 1_000_000_000
+_COSTMAP_UPDATES_PERIOD_NS = 200_000_000
+_LOCAL_COSTMAP_PERIOD_NS = 500_000_000
+_TREE_PERIOD_NS = 200_000_000
+_TRAJECTORIES_PERIOD_NS = 500_000_000
 _REJECTED_PERIOD_NS = 1_000_000_000
 _LOCALIZATION = "localization to converge"
 
@@ -173,10 +198,15 @@ class NavigationNode(Node):
         self._status: tuple[bool, str, SE2 | None, int, tuple[StopCause, ...]] | None = None
         """The status last published, without the distance remaining."""
         self._monitor_state: MonitorState | None = None
-        self._reports = DriveReports()
+        self._tree_log = TreeLog()
+        self._tree_published: tuple[str, tuple[NodeSnapshot, ...]] | None = None
+        """The action and its tree last published."""
         self._schedule = Schedule()
+        self._costmap_shown = -1
+        self._frame_shown: GridFrame | None = None
         self._masks = masks_of(config)
         self._told = Told(config.collision_monitor.enabled)
+        self._zones_shown: Zones | None = None
         self._goals = Goals()
         self._exploration: ExplorationStatus | None = None
         self._kept: act.NavigationCheckpoint | None = None
@@ -435,7 +465,6 @@ class NavigationNode(Node):
         self._photo_requested_ns = None
         self._was_active = False
         self._schedule.clear()
-        self._reports.restart()
         if self._drive is not None:
             at_ns = max(now_ns, self._now_ns)
             navigator = self._drive.navigator
@@ -706,16 +735,31 @@ class NavigationNode(Node):
             outbox.put(PHOTO_REQUEST, act.PhotoRequest(waypoint=index, stamp_ns=now_ns))
 
     def _publish(self, now_ns: int, outbox: Outbox) -> None:
-        """Publish costmaps and the like, feedback and status."""
+        """Publish costmaps, feedback and status."""
         drive = self._drive
         if drive is None:
             self._publish_checkpoint(now_ns, outbox, None)
             self._publish_status(now_ns, outbox, None)
             return
-        highest_m_s = self._config.controller_server.max_linear_vel
-        self._reports.publish(
-            now_ns, outbox, drive, self._measured, self._monitor_state, highest_m_s
-        )
+        self._publish_zones(now_ns, outbox, drive.robot)
+        self._publish_costmap(now_ns, outbox, drive.robot.costmap)
+        if self._measured.echoes is not None and self._schedule.is_due(
+            "local", now_ns, _LOCAL_COSTMAP_PERIOD_NS
+        ):
+            local = drive.robot.local_costmap
+            outbox.offer(LOCAL_COSTMAP, lambda: costmap_message(now_ns, local, ODOM_FRAME))
+            odom = self._measured.odom
+            if odom is not None:
+                footprint = drive.robot.footprint
+                outbox.offer(
+                    PUBLISHED_FOOTPRINT, lambda: footprint_message(now_ns, footprint, odom[1])
+                )
+        state = self._monitor_state
+        if state is not None and drive.monitor_published != (state.action, state.polygon_name):
+            drive.monitor_published = (state.action, state.polygon_name)
+            outbox.put(COLLISION_MONITOR_STATE, monitor_document(state))
+        self._publish_tree(now_ns, outbox, drive.navigator)
+        self._publish_trajectories(now_ns, outbox, drive.robot)
         feedback = drive.navigator.feedback(now_ns)
         if feedback is not None and self._goals.current is not None:
             if self._schedule.is_due("feedback", now_ns, _FEEDBACK_PERIOD_NS):
@@ -764,6 +808,62 @@ class NavigationNode(Node):
                 explores=goal is not None and goal.explores,
             ),
         )
+
+    def _publish_zones(self, now_ns: int, outbox: Outbox, robot: RobotContext) -> None:
+        """Publish masks of the zones; of zones that were removed, an empty one."""
+        frame, zones, shown = robot.costmap.frame, robot.zones, self._zones_shown
+        if zones is shown:
+            return
+        self._zones_shown = zones
+        if any(each is not None and each.keepout.size for each in (zones, shown)):
+            keepout = zones.keepout if zones is not None and zones.keepout.size else None
+            outbox.put(KEEPOUT_FILTER_MASK, mask_message(now_ns, frame, keepout))
+        if any(each is not None and each.limits_m_s.size for each in (zones, shown)):
+            highest_m_s = self._config.controller_server.max_linear_vel
+            speeds = zones.speed_values(highest_m_s) if zones is not None else None
+            outbox.put(SPEED_FILTER_MASK, mask_message(now_ns, frame, speeds))
+
+    def _publish_costmap(self, now_ns: int, outbox: Outbox, costmap: LayeredCostmap) -> None:
+        if costmap.revision == self._costmap_shown:
+            return
+        if self._schedule.is_due("costmap", now_ns, _COSTMAP_PERIOD_NS):
+            self._costmap_shown = costmap.revision
+            self._frame_shown = costmap.frame
+            costmap.take_changed()
+            outbox.offer(GLOBAL_COSTMAP, lambda: costmap_message(now_ns, costmap, MAP_FRAME))
+        elif costmap.frame is self._frame_shown and outbox.is_read(GLOBAL_COSTMAP_UPDATES):
+            self._publish_costmap_update(now_ns, outbox, costmap)
+
+    def _publish_costmap_update(self, now_ns: int, outbox: Outbox, costmap: LayeredCostmap) -> None:
+        if not self._schedule.is_due("costmap updates", now_ns, _COSTMAP_UPDATES_PERIOD_NS):
+            return
+        changed = costmap.take_changed()
+        if changed is not None:
+            update = costmap_update_message(now_ns, costmap, changed, MAP_FRAME)
+            outbox.put(GLOBAL_COSTMAP_UPDATES, update)
+
+    def _publish_tree(self, now_ns: int, outbox: Outbox, navigator: BtNavigator) -> None:
+        if not outbox.is_read(BEHAVIOR_TREE):
+            return
+        self._tree_log.add(navigator.running_tree())
+        if not self._schedule.is_due("tree", now_ns, _TREE_PERIOD_NS):
+            return
+        action = navigator.request.action if navigator.request is not None else ""
+        tree = action, self._tree_log.take()
+        if tree != self._tree_published:
+            self._tree_published = tree
+            outbox.put(BEHAVIOR_TREE, tree_document(*tree))
+
+    def _publish_trajectories(self, now_ns: int, outbox: Outbox, robot: RobotContext) -> None:
+        controller = robot.controller_server.controller
+        if not robot.controlled or not isinstance(controller, MPPIController):
+            return
+        if not outbox.is_read(TRAJECTORIES):
+            return
+        if self._schedule.is_due("trajectories", now_ns, _TRAJECTORIES_PERIOD_NS):
+            drawn = controller.trajectories()
+            if drawn is not None:
+                outbox.put(TRAJECTORIES, trajectories_message(now_ns, drawn))
 
     def _stop_causes(self, now_ns: int) -> tuple[StopCause, ...]:
         """Why the robot does not drive as it could; what is new of it is said."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -87,7 +88,7 @@ def test_commands_keep_the_limits_and_end_in_a_stop(name: str) -> None:
 def test_each_command_of_mppi_keeps_its_own_limits() -> None:
     """Turns at the start and at the goal, the way between them, and braking before a zone."""
     costmap, faces = room()
-    gentle = {
+    gentle: dict[str, Any] = {
         "vx_max": 0.3, "wz_max": 0.5, "ax_max": 0.5, "ax_min": -0.3, "az_max": 0.8
     }  # fmt: skip
     told = drive(

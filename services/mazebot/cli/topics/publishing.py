@@ -18,8 +18,8 @@ from mazebot.common.files.yaml_words import line_and_words
 from mazebot.common.maths.frames import BASE_FOOTPRINT_FRAME, MAP_FRAME
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages import wire
-from mazebot.common.messages.from_fields import message_of
 from mazebot.common.messages.topics import CMD_VEL, EDGE, Topic, owned_by
+from mazebot.common.ros.from_fields import message_of
 
 
 def publish_messages(
