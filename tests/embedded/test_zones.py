@@ -84,6 +84,16 @@ def test_the_robot_goes_round_a_keepout_zone_and_slowly_through_a_speed_limit(
     assert int(msg.cells_from_grid(speed).max()) == round(100.0 * (1.0 - LIMIT_M_S / 0.46))
 
 
+@pytest.mark.parametrize("controller", CONTROLLERS)
+def test_a_very_slow_zone_is_driven_through_and_no_failure_of_the_controller(
+    controller: str, tmp_path: Path
+) -> None:
+    slow = {"name": "ward", "polygon_m": rectangle((-1.3, -1.2), (-1.0, 1.0)), "percent": 5}
+    with room(tmp_path, controller, speed_limits=[slow]) as session:
+        result = session.goal(-0.5, 0.0)
+    assert (result.error_code, result.number_of_recoveries) == (0, 0), result.error_msg
+
+
 def test_a_goal_in_a_keepout_zone_is_refused_by_its_name_and_cleared_costmaps_keep_it(
     tmp_path: Path,
 ) -> None:

@@ -134,3 +134,16 @@ def test_behaviours_end_where_they_are_asked_to_behind_a_gentle_velocity_smoothe
         end = session.ground_truth()
     assert turned.yaw_rad - start.yaw_rad == pytest.approx(1.57, abs=0.06)
     assert math.dist((turned.x_m, turned.y_m), (end.x_m, end.y_m)) == pytest.approx(0.3, abs=0.03)
+
+
+def test_a_zone_of_the_collision_monitor_that_slows_down_to_a_tenth_is_driven_through(
+    tmp_path: Path,
+) -> None:
+    settings = tmp_path / "slow.yaml"
+    settings.write_text(
+        "navigation:\n  collision_monitor:\n    polygons:\n      Around: {type: circle, radius: 3, "
+        "min_points: 1, action_type: slowdown, slowdown_ratio: 0.1}\n"
+    )
+    with Session("original", camera=False, settings=settings) as session:
+        result = session.goal(0.3, 0.0, 0.8, timeout_s=90.0)
+    assert (result.error_code, result.number_of_recoveries) == (0, 0), result.error_msg

@@ -409,6 +409,18 @@ class Drive:
         # Without a pose, tracks in the map cannot be told from where the robot is.
         moving = NOTHING_MOVES if pose is None else moving_in_base(view.tracks, pose)
         watched = self.monitor.step(now_ns, command, measured.velocity, sources, moving)
+        if self.robot.controlled:
+            self.robot.controller_server.take_sent(watched.velocity, _let_through(command, watched))
         if watched.velocity != STOP:
             self._commanded = watched.velocity
         return watched
+
+
+def _let_through(command: Velocity, watched: Watched) -> float:
+    """The share of a command that the monitor's zones for slower driving leave; 1 where they stop
+    the robot: then it gets nowhere.
+    """
+    slows = watched.state.action in (Action.SLOWDOWN, Action.LIMIT)
+    if not slows or watched.velocity == STOP:
+        return 1.0
+    return max(map(abs, watched.velocity)) / max(map(abs, command))

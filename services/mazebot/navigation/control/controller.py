@@ -51,11 +51,16 @@ class RobotLimits(Params):
     general_goal_checker: GoalCheckerParams = GoalCheckerParams()
     path_handler: PathHandlerParams = PathHandlerParams()
 
-    def shortest_s(self, distance_m: float, angle_rad: float) -> float:
-        """The time that a drive of a length, or a turn by an angle, takes at least from rest."""
+    def shortest_s(
+        self, distance_m: float, angle_rad: float, limit_m_s: float = math.inf, share: float = 1.0
+    ) -> float:
+        """The time that a drive of a length, or a turn by an angle, takes at least from rest, below
+        a speed limit, and with a share of the speeds that are then possible.
+        """
+        linear_m_s = min(self.max_linear_vel, limit_m_s) * share
         return max(
-            _shortest_s(distance_m, self.max_linear_vel, self.max_linear_accel),
-            _shortest_s(angle_rad, self.max_angular_vel, self.max_angular_accel),
+            _shortest_s(distance_m, linear_m_s, self.max_linear_accel),
+            _shortest_s(angle_rad, self.max_angular_vel * share, self.max_angular_accel),
         )
 
 

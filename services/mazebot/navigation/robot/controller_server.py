@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import NamedTuple
 
 from pydantic import Field
 
@@ -119,9 +120,14 @@ class ControllerServer:
         self.followed: PlannedPath | None = None
         self.nearest = 0
         """Index of the point of that path nearest to the robot."""
-        self._progress_params, self._stuck_params = _patient(params)
-        self._progress = ProgressChecker(self._progress_params)
-        self._stuck = StuckDetector(self._stuck_params)
+        self._patience = _patience(params)
+        self._progress, self._stuck = _checkers(params, self._patience)
+        self._made: Velocity | None = None
+        """The last command,"""
+        self._sent: Velocity | None = None
+        """and what was sent of it; None: that is not known."""
+        self._let_through = 1.0
+        """The share of its speeds that zones of the collision monitor leave."""
         self._blocked_since_ns: int | None = None
         self._controlled_ns = 0
         self._doubted_since_ns: int | None = None
@@ -146,9 +152,7 @@ class ControllerServer:
             last = self.controller.velocity
             self.controller.stop()
         if not continues:
-            self._progress.reset()
-            self._stuck.reset()
-            self._blocked_since_ns = None
+            self._forget()
         is_new = followed is not request.path or not continues
         self.controller, self._asked_for = controller, request.controller_id
         self.followed = request.path
@@ -215,20 +219,31 @@ class ControllerServer:
             raise NavigationError(
                 ErrorCode.NO_VALID_CONTROL, f"every motion along the path collides {where}"
             )
-        if not self._progress.makes_progress(now_ns, pose):
-            allowance_s = self._progress_params.movement_time_allowance
+        patience = _patience(params, around.speed_limit_m_s, self._let_through)
+        allowance_s = patience.progress_s
+        if not self._progress.makes_progress(now_ns, pose, self._patience.progress_s / allowance_s):
             raise NavigationError(
                 ErrorCode.FAILED_TO_MAKE_PROGRESS, f"no progress for {allowance_s:.1f} s {where}"
             )
         if not view.is_heard:
             # That it does not move then says nothing of what is around it.
             self._stuck.reset()
-        stuck = self._stuck.update(now_ns, made.velocity, view.odom_from_base, pose)
+        # What changed the last command changes this one.
+        sent = self._sent
+        driven = made.velocity if sent is None or sent == self._made else sent
+        self._made = made.velocity
+        stuck = self._stuck.update(now_ns, driven, view.odom_from_base, pose, patience.stuck_s)
         if stuck is not None:
             self._stuck.reset()
-            self.stuck_towards = made.velocity
+            self.stuck_towards = driven
             raise NavigationError(ErrorCode.FAILED_TO_MAKE_PROGRESS, f"{stuck.text} {where}")
         return made
+
+    def take_sent(self, sent: Velocity, let_through: float) -> None:
+        """Take what the velocity smoother and the collision monitor made of the last command;
+        `let_through`: the share of its speeds that the monitor's zones for slower driving leave.
+        """
+        self._sent, self._let_through = sent, let_through
 
     def tracking(self, made: Control, pose: SE2) -> TrackingFeedback:
         """How the robot follows the path, with what the controller made there."""
@@ -258,19 +273,27 @@ class ControllerServer:
             if isinstance(controller, TakesOver):
                 controller.take_over(before.velocity, before.index, before.xy_reached)
             before.stop()
+        patience, was = _patience(params), self._patience
+        progress, stuck = _checkers(params, patience)
+        if (params.progress_checker, patience.progress_s) != (
+            self.params.progress_checker, was.progress_s
+        ):  # fmt: skip
+            self._progress = progress
+        if (params.stuck_detector, patience.stuck_s) != (self.params.stuck_detector, was.stuck_s):
+            self._stuck = stuck
+        self._patience = patience
         self.params, self.controllers, self.controller = params, controllers, controller
-        progress, stuck = _patient(params)
-        if progress != self._progress_params:
-            self._progress = ProgressChecker(progress)
-        if stuck != self._stuck_params:
-            self._stuck = StuckDetector(stuck)
-        self._progress_params, self._stuck_params = progress, stuck
 
     def interrupt(self) -> None:
         """The robot does something else in this period: that is no failure of the controller."""
+        self._forget()
+
+    def _forget(self) -> None:
+        """Judge anew whether the robot follows its path."""
         self._progress.reset()
         self._stuck.reset()
         self._blocked_since_ns = None
+        self._sent, self._let_through = None, 1.0
 
     def _is_doubted(self, now_ns: int, is_suspect: bool) -> bool:
         """Whether the robot may be elsewhere than it believes, and that is soon decided."""
@@ -288,19 +311,38 @@ class ControllerServer:
         self._blocked_since_ns = None
 
 
-def _patient(params: ControllerServerParams) -> tuple[ProgressParams, StuckDetectorParams]:
-    """The two checkers' parameters, with longer times where the robot is too slow for them."""
+class _Patience(NamedTuple):
+    """How long the two checkers wait: longer where the robot is too slow for their parameters."""
+
+    progress_s: float
+    stuck_s: float
+
+
+def _patience(
+    params: ControllerServerParams, limit_m_s: float = math.inf, share: float = 1.0
+) -> _Patience:
+    """Below a speed limit, and with a share of the speeds that are then possible."""
     progress, stuck = params.progress_checker, params.stuck_detector
     progress_s = params.shortest_s(
-        progress.required_movement_radius, progress.required_movement_angle
+        progress.required_movement_radius, progress.required_movement_angle, limit_m_s, share
     )
     progress_s /= _SLOWEST_SHARE
-    stuck_s = _JUDGED * params.shortest_s(stuck.required_distance, stuck.required_angle)
+    stuck_s = _JUDGED * params.shortest_s(
+        stuck.required_distance, stuck.required_angle, limit_m_s, share
+    )
+    return _Patience(
+        max(progress.movement_time_allowance, progress_s), max(stuck.time_allowance, stuck_s)
+    )
+
+
+def _checkers(
+    params: ControllerServerParams, patience: _Patience
+) -> tuple[ProgressChecker, StuckDetector]:
+    allowed = {"movement_time_allowance": patience.progress_s}
+    compared = {"time_allowance": patience.stuck_s}
     return (
-        progress.model_copy(
-            update={"movement_time_allowance": max(progress.movement_time_allowance, progress_s)}
-        ),
-        stuck.model_copy(update={"time_allowance": max(stuck.time_allowance, stuck_s)}),
+        ProgressChecker(params.progress_checker.model_copy(update=allowed)),
+        StuckDetector(params.stuck_detector.model_copy(update=compared)),
     )
 
 

@@ -26,7 +26,7 @@ class ProgressParams(Params):
         2.5,
         gt=0,
         description="s; without progress for this long a recovery begins; longer where a fifth of "
-        "the robot's highest speed takes longer",
+        "the robot's highest speed there takes longer",
     )
 
 
@@ -41,7 +41,9 @@ class ProgressChecker:
         self._baseline_ns = 0
         self._checked_ns = 0
         self._excused_ns = 0
-        """How much of the time since the baseline does not count."""
+        """How much of the time since the baseline does not count,"""
+        self._slowed_ns = 0
+        """and how much more because the robot had to drive slowly."""
 
     def reset(self) -> None:
         """Restart from the next pose."""
@@ -58,11 +60,16 @@ class ProgressChecker:
         if excused_ns > most_ns:
             return False
         self._excused_ns = excused_ns
+        self._checked_ns = now_ns
         return True
 
-    def makes_progress(self, now_ns: int, pose: SE2) -> bool:
-        """False once the allowance has passed without enough movement from the baseline pose."""
+    def makes_progress(self, now_ns: int, pose: SE2, counts: float = 1.0) -> bool:
+        """False once the allowance has passed without enough movement from the baseline pose.
+        `counts`: the share of the time since the last check that counts.
+        """
         p, baseline = self._params, self._baseline
+        if counts < 1.0:
+            self._slowed_ns += round((now_ns - self._checked_ns) * (1.0 - counts))
         self._checked_ns = now_ns
         if (
             baseline is None
@@ -71,9 +78,10 @@ class ProgressChecker:
         ):
             self._baseline = pose
             self._baseline_ns = now_ns
-            self._excused_ns = 0
+            self._excused_ns = self._slowed_ns = 0
             return True
-        return (now_ns - self._baseline_ns - self._excused_ns) * 1e-9 <= p.movement_time_allowance
+        counted_ns = now_ns - self._baseline_ns - self._excused_ns - self._slowed_ns
+        return counted_ns * 1e-9 <= p.movement_time_allowance
 
     def _turned(self, pose: SE2, baseline: SE2) -> bool:
         turn_rad = abs(wrap_angle(pose.yaw_rad - baseline.yaw_rad))

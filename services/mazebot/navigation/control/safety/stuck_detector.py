@@ -73,10 +73,16 @@ class StuckDetector:
         self._samples.clear()
 
     def update(
-        self, now_ns: int, command: Velocity, odom_from_base: SE2, map_from_base: SE2
+        self,
+        now_ns: int,
+        command: Velocity,
+        odom_from_base: SE2,
+        map_from_base: SE2,
+        least_s: float = 0.0,
     ) -> Stuck | None:
         """Take what was commanded since the last call and where the robot is; why it is stuck, or
-        None. A stop starts again: a robot that stands has not to move.
+        None. A stop starts again: a robot that stands has not to move. `least_s`: motion is
+        compared over no less than this, where it may not be faster now.
         """
         p, samples = self._params, self._samples
         if max(map(abs, command)) < 1e-3:
@@ -103,12 +109,13 @@ class StuckDetector:
                 odom_way_m,
             )
         )
-        allowance_ns = p.time_allowance * 1e9
+        allowance_s = max(p.time_allowance, least_s)
+        allowance_ns = allowance_s * 1e9
         while len(samples) > 1 and now_ns - samples[1].now_ns >= allowance_ns:
             samples.popleft()
         if now_ns - samples[0].now_ns < allowance_ns:
             return None
-        return self._judge()
+        return self._judge(allowance_s)
 
     def _drives(self) -> bool:
         """Whether the first and the newest sample alone show that the robot drives as commanded: by
@@ -126,10 +133,10 @@ class StuckDetector:
             and true_m >= p.least_share * (way_m + _ROUNDING_M)
         )
 
-    def _judge(self) -> Stuck | None:
+    def _judge(self, seconds: float) -> Stuck | None:
         if self._drives():
             return None
-        p, samples = self._params, list(self._samples)
+        samples = list(self._samples)
         commanded_m = sum([each.commanded_m for each in samples[1:]])
         commanded_rad = sum([each.commanded_rad for each in samples[1:]])
         odom_m, odom_rad = _moved([each.odom_from_base for each in samples])
@@ -140,7 +147,6 @@ class StuckDetector:
         ):
             return None
         true_m, true_rad = _moved([each.map_from_base for each in samples])
-        seconds = p.time_allowance
         if self._lacks(commanded_m, commanded_rad, odom_m, odom_rad):
             text = f"commanded {commanded_m:.2f} m and {commanded_rad:.2f} rad in {seconds:.1f} s, "
             return Stuck(False, f"{text}odometry measured {odom_m:.2f} m and {odom_rad:.2f} rad")
