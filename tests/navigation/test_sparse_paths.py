@@ -68,6 +68,13 @@ def test_a_piece_backwards_stays_one() -> None:
     assert path.yaws_rad[:6].tolist() == [0.1] * 6
 
 
+def test_a_robot_that_looks_along_both_ways_turns_about_between_them() -> None:
+    out = [(0.05 * i, 0.0, 0.0) for i in range(12)]
+    poses = [*out, *((x, y, math.pi) for x, y, _ in reversed(out[:-1]))]
+    given = tuple(Planar(x_m=x, y_m=y, yaw_rad=yaw) for x, y, yaw in poses)
+    assert not planned_path(given, ErrorCode.INVALID_PATH).backwards().any()
+
+
 END = START @ SE2(0.85, -0.85, -math.pi / 4)
 
 

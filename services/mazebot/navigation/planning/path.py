@@ -202,7 +202,15 @@ def with_pieces_backwards(path: PlannedPath, yaws_rad: Array) -> PlannedPath:
     against = np.concatenate([[0], np.asarray(cos < -_PARALLEL_COS, np.int8), [0]])
     first, end = (np.flatnonzero(np.diff(against) == step) for step in (1, -1))
     for i, j in zip(first.tolist(), end.tolist(), strict=True):
+        if j == i + 1 and _turns_about(float(yaws_rad[i]), float(yaws_rad[j])):
+            # The robot comes there like that, and turns on the spot.
+            continue
         cos, _ = portable_kernels.cos_sin_each(yaws_rad[i:j] - yaws_rad[i])
         if path.along_m[j] - path.along_m[i] <= _BACKWARDS_M and cos.min() > _PARALLEL_COS:
             headings[i:j] = yaws_rad[i:j]
     return replace(path, yaws_rad=headings)
+
+
+def _turns_about(before_rad: float, after_rad: float) -> bool:
+    cos, _ = portable.cos_sin(after_rad - before_rad)
+    return cos < -_PARALLEL_COS
