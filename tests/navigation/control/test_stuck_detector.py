@@ -1,9 +1,13 @@
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
+
 import pytest
 
 from mazebot.common.maths.frames import SE2
 from mazebot.navigation.control.collision import STOP, Velocity
+from mazebot.navigation.control.safety.progress_checker import ProgressChecker, ProgressParams
 from mazebot.navigation.control.safety.stuck_detector import (
     Stuck,
     StuckDetector,
@@ -87,3 +91,30 @@ def test_while_nothing_reached_the_robot_nothing_was_commanded() -> None:
         here = SE2(x_m, 0.0, 0.0)
         found.append(detector.update(now_ns, FORWARD, here, here))
     assert not any(found)
+
+
+def progress_s(pose_at: Callable[[float], SE2], seconds: float = 30.0) -> float:
+    """For how long a robot that moves like this makes progress."""
+    checker = ProgressChecker(ProgressParams())
+    for i in range(round(seconds * 1e9 / PERIOD_NS)):
+        t = i * PERIOD_NS * 1e-9
+        if not checker.makes_progress(i * PERIOD_NS, pose_at(t)):
+            return t
+    return seconds
+
+
+@pytest.mark.parametrize("swing_rad", [0.15, 0.5, math.pi])
+@pytest.mark.parametrize("drift_m", [0.0, 0.08])
+def test_turns_to_and_fro_in_one_place_are_no_progress_for_ever(
+    swing_rad: float, drift_m: float
+) -> None:
+    def dithers(t: float) -> SE2:
+        return SE2(1.0 + drift_m * math.sin(t), 1.0, swing_rad * math.sin(2.0 * t))
+
+    assert progress_s(dithers) < 10.0
+
+
+def test_a_turn_by_a_whole_round_and_slow_ways_are_progress() -> None:
+    assert 8.0 < progress_s(lambda t: SE2(1.0, 1.0, 1.0 * t)) < 10.0
+    assert progress_s(lambda t: SE2(0.05 * t, 1.0, 0.0)) == 30.0
+    assert progress_s(lambda t: SE2(0.05 * t, 1.0, math.sin(2.0 * t))) == 30.0
