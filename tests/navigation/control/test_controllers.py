@@ -224,6 +224,32 @@ def test_a_goal_on_the_way_to_where_the_path_turns_back_is_reached_after_it(
     assert told.poses[-1].distance_m(path.goal) < 0.12
 
 
+ROUNDS_M = {
+    "circle": [(0.25 * math.sin(a), -0.25 * math.cos(a)) for a in np.linspace(0.0, math.tau, 33)],
+    "eight": [
+        *((0.2 * math.sin(a), 0.2 - 0.2 * math.cos(a)) for a in np.linspace(0.0, math.tau, 26)),
+        *((0.2 * math.sin(a), 0.2 * math.cos(a) - 0.2) for a in np.linspace(0.0, math.tau, 26)),
+    ],
+    "square": [(0.0, 0.0), (0.3, 0.0), (0.3, 0.3), (0.0, 0.3), (0.0, 0.0)],
+    "hairpin": [(0.0, 0.0), (0.5, 0.0), (0.5, 0.3), (0.0, 0.3)],
+}
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("shape", ROUNDS_M)
+def test_a_path_that_comes_back_is_driven_all_along(name: str, shape: str) -> None:
+    costmap, faces = room()
+    points_m = resample(np.array(ROUNDS_M[shape]) + 2.0, 0.05)
+    path = path_through(points_m, 0.0)
+    x_m, y_m = points_m[0].tolist()
+    robot = Unicycle(SE2(x_m, y_m, float(path.yaws_rad[0])))
+    told = drive(made(name), costmap, robot, path.goal, faces, path=path, limit_s=25.0)
+    assert told.reached
+    driven_m = np.array([pose[:2] for pose in told.poses])
+    away_m = np.linalg.norm(points_m[:, None] - driven_m, axis=2).min(1)
+    assert away_m.max() < 0.2
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_the_goal_is_reached_only_when_the_robot_stands(name: str) -> None:
     costmap, _ = room()

@@ -132,6 +132,28 @@ def test_a_bend_is_no_turning_back(points_m: Array, turns_back: bool) -> None:
     assert handler.end_m(path) == pytest.approx(2.0 if turns_back else path.length_m, abs=0.06)
 
 
+@pytest.mark.parametrize(
+    ("angle_rad", "left_m"), [(0.0, 1.88), (math.pi / 2, 1.41), (math.pi * 1.2, None)]
+)
+def test_the_local_path_ends_where_a_round_comes_back(
+    angle_rad: float, left_m: float | None
+) -> None:
+    """Half a round is left of it, or what leads straight enough to its end."""
+    angles = np.linspace(0.0, math.tau, 61)
+    path = path_through(0.3 * np.stack([np.sin(angles), -np.cos(angles)], axis=1), 0.0)
+    handler = PathHandler(PathHandlerParams(max_robot_pose_search_dist=0.3))
+    handler.set_path(path)
+    handler.index = round(angle_rad / math.tau * 60)
+    pose = SE2(0.3 * math.sin(angle_rad), -0.3 * math.cos(angle_rad), angle_rad)
+    local = handler.local(path, pose, 0.05)
+    assert local.leads_away == local.ends == (left_m is None)
+    if left_m is None:
+        assert local.points_m[-1] == pytest.approx((0.0, -0.3))
+    else:
+        assert local.remaining_m == pytest.approx(left_m, abs=0.02)
+        assert local.points_m[-1] == pytest.approx((-pose.x_m, -pose.y_m), abs=0.06)
+
+
 def test_the_end_of_the_path_is_a_path_still() -> None:
     path = path_through(bent_path(), 0.0)
     handler = PathHandler(PathHandlerParams(max_robot_pose_search_dist=5.0))

@@ -11,6 +11,7 @@ from pydantic import Field
 from mazebot.common.config import Params
 from mazebot.common.maths import portable_kernels
 from mazebot.common.maths.frames import SE2, Array
+from mazebot.common.maths.kernels import kernel
 from mazebot.navigation.planning.path import PlannedPath, even_points
 
 
@@ -39,6 +40,10 @@ class LocalPath(NamedTuple):
     """
     ends: bool
     """Whether the last point is that place."""
+    leads_away: bool
+    """Whether it leads away from the robot all along. One that comes back, as a round does, is cut
+    before: what is nearest to a place, or straight ahead, is then no measure of progress on it.
+    """
     goal: SE2
     """That place, with the heading to arrive with."""
 
@@ -51,6 +56,14 @@ _AT_TURN_M: Final = 0.2
 """So near to where the path turns back the robot need not come nearer: Nav2's default of
 `inversion_xy_tolerance`.
 """
+
+_DETOUR: Final = 1.5
+_DETOUR_M: Final = 0.1
+"""A path comes back where its length is more than so many times the straight distance and this: a
+bend by 90 degrees is no more than 1.42 times as long.
+"""
+_SHORTEST_M: Final = 0.6
+"""So much of it is kept where it is cut: by less the robot is not drawn along."""
 
 
 class PathHandler:
@@ -128,14 +141,19 @@ class PathHandler:
         return next((turn for turn in self._turns if turn > self.index), None)
 
     def local(self, path: PlannedPath, pose: SE2, spacing_m: float) -> LocalPath:
-        """The path from the robot on, at most `prune_distance` of it."""
+        """The path ahead of the robot: at most `prune_distance`, and up to where it comes back."""
         first_m = path.foot(self.index, pose.x_m, pose.y_m).along_m
         remaining_m = max(self.end_m(path) - first_m, 0.0)
         length_m = min(remaining_m, self._params.prune_distance)
         count = max(1, round(length_m / spacing_m))
         points_m = even_points(path.points_m, path.along_m, first_m, length_m, count)
         step_m = max(length_m / count, 1e-6)
-        return LocalPath(points_m, step_m, remaining_m, length_m >= remaining_m, self._goal(path))
+        end = _comes_back(points_m, step_m)
+        leads_away = end == len(points_m)
+        return LocalPath(
+            points_m[: end + 1], step_m, remaining_m,
+            leads_away and length_m >= remaining_m, leads_away, self._goal(path),
+        )  # fmt: skip
 
     def _goal(self, path: PlannedPath) -> SE2:
         turn = self._next_turn()
@@ -166,3 +184,19 @@ def _turns_back(path: PlannedPath) -> list[int]:
         else:
             found.append(index)
     return found
+
+
+@kernel(error_model="numpy")
+def _comes_back(points_m: Array, step_m: float) -> int:
+    """Index of the point of a path at even steps from which on it comes back to the first one; the
+    number of points where it leads away from there all along.
+    """
+    farthest, most_m = 0, 0.0
+    for i in range(len(points_m)):
+        dx, dy = points_m[i, 0] - points_m[0, 0], points_m[i, 1] - points_m[0, 1]
+        away_m = math.sqrt(dx * dx + dy * dy)
+        if i * step_m > _DETOUR * away_m + _DETOUR_M:
+            return min(max(farthest, round(_SHORTEST_M / step_m)), len(points_m) - 1)
+        if away_m > most_m:
+            farthest, most_m = i, away_m
+    return len(points_m)

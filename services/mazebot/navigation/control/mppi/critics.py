@@ -31,6 +31,7 @@ class Scene:
     """(n,), whether the middle of the robot can be there."""
     spacing_m: float
     remaining_m: float
+    """Length of the path that is left; infinite where the way to its end is no way straight on."""
     goal_x_m: float
     goal_y_m: float
     goal_turn_rad: float

@@ -294,7 +294,7 @@ class MPPIController(PathFollower):
             path_y_m=path_y,
             path_free=_free(window, ahead_m, self._robot.footprint.half_width_m),
             spacing_m=local.spacing_m,
-            remaining_m=local.remaining_m,
+            remaining_m=local.remaining_m if local.leads_away else math.inf,
             goal_x_m=goal.x_m - pose.x_m,
             goal_y_m=goal.y_m - pose.y_m,
             goal_turn_rad=wrap_angle(goal.yaw_rad - pose.yaw_rad),
