@@ -12,6 +12,7 @@ import yaml
 from mazebot.cli.parsing.patience import wait_quietly
 from mazebot.cli.sim import stats_now
 from mazebot.cli.topics.topic import named_topic
+from mazebot.common.client.from_fields import message_of
 from mazebot.common.client.over_zenoh import ZenohRobot
 from mazebot.common.config import ConfigError
 from mazebot.common.files.yaml_words import line_and_words
@@ -19,7 +20,6 @@ from mazebot.common.maths.frames import BASE_FOOTPRINT_FRAME, MAP_FRAME
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages import wire
 from mazebot.common.messages.topics import CMD_VEL, EDGE, Topic, owned_by
-from mazebot.common.ros.from_fields import message_of
 
 
 def publish_messages(

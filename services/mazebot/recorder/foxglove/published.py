@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 from typing import Any, cast
 
+from mazebot.common.client.from_fields import message_of as message_of_fields
 from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import BASE_FOOTPRINT_FRAME
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages import wire
 from mazebot.common.messages.topics import BY_NAME, CMD_VEL, CMD_VEL_TELEOP, EDGE, TOPICS, Topic
-from mazebot.common.ros.from_fields import message_of as message_of_fields
 
 _VELOCITIES: tuple[Topic[Any], ...] = (CMD_VEL, CMD_VEL_TELEOP)
 JSON, CDR = "json", "cdr"
