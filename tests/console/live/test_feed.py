@@ -288,13 +288,17 @@ def test_services_that_are_out_of_sight_for_a_moment_do_not_begin_a_run(epoch: i
             await seen(page, "stack")
             robot.say(tp.SIMULATION_STATS, stats(0, 10.0))
             robot.say(tp.GROUND_TRUTH_ODOM, odom(1, SE2(1, 2, 0)))
-            await seen(page, "pose")
+            robot.say(tp.ENTITIES, SAMPLES[tp.ENTITIES])
+            await seen(page, "entities")
             robot.services = {}
             frames = await seen(page, "stack")
             robot.services = {"physics": "physics"}
             frames += await seen(page, "stack")
             robot.say(tp.SIMULATION_STATS, stats(epoch, 12.0))
             frames += await seen(page, "stats")
+            # Another stack tells the same again.
+            robot.say(tp.ENTITIES, SAMPLES[tp.ENTITIES])
+            await seen(page, "entities")
         async with feed.page() as late:
             return frames, await seen(late, "trails")
 

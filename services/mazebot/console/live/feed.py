@@ -116,6 +116,9 @@ class Feed:
         self._camera: tuple[float, Frame] | None = None
         """The last picture, and the simulation's time when it came, s."""
         self._pictures = 0
+        self._was_there = False
+        self._told: set[str] = set()
+        """Kinds that pages have been told since the services came."""
 
     @property
     def pages(self) -> int:
@@ -242,6 +245,10 @@ class Feed:
         frames = self._view.frames(arrived)
         services = sorted(self._robot.alive())
         frames.append(_stack_frame(services, self._how_to_start))
+        has_gone, self._was_there = self._was_there and not services, bool(services)
+        if has_gone:
+            # Of the stack that comes next a page is told all, also what is as before.
+            self._told.clear()
         if self._view.restarted:
             # What was latched has come again, or comes soon.
             self._newest = {kind: one for kind, one in self._newest.items() if kind in _LASTING}
@@ -252,10 +259,11 @@ class Feed:
             if frame.is_event:
                 self._history.add_event(frame)
             elif frame.kind != "camera":
-                if self._newest.get(frame.kind) == frame:
+                if frame.kind in self._told and self._newest.get(frame.kind) == frame:
                     continue
                 if frame.kind in self._newest or len(self._newest) < _MAX_WAITING:
                     self._newest[frame.kind] = frame
+                    self._told.add(frame.kind)
             changed.append(frame)
         return changed
 
