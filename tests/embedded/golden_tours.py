@@ -9,7 +9,7 @@ from mazebot.common.files.root import ROOT
 
 SEED = 7
 GOLDEN_TOURS = {
-    "maze": "2cea1c52cd4000c0",
+    "maze": "b49176234461d522",
     "maze_rooms": "19fb8b8f2a2e9280",
     "sim_house": "5d399b7f95d015ab",
     "sim_house_enhanced": "2b38e8548e025976",
