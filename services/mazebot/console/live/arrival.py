@@ -33,7 +33,7 @@ def poses_with_headings(robot: Robot, destinations: Iterable[Destination]) -> li
     return poses
 
 
-def arriving_rad(path: Sequence[Planar]) -> float:
+def _arriving_rad(path: Sequence[Planar]) -> float:
     """The direction of a path's end; of one that leads nowhere, the heading at its begin."""
     end = path[-1]
     for pose in reversed(path):
@@ -49,7 +49,7 @@ def _arrival_rad(robot: Robot, start: Planar | None, to: Destination) -> float:
         fits_rad = guess_rad + turn_rad
         reply = _path(robot, start, to, fits_rad)
         if reply.path:
-            arrives_rad = arriving_rad(reply.path)
+            arrives_rad = _arriving_rad([start or reply.path[0], *reply.path])
             fits = bool(_path(robot, start, to, arrives_rad).path)
             return arrives_rad if fits else fits_rad
         if reply.error_code != ErrorCode.GOAL_OCCUPIED:

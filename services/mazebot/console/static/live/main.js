@@ -15,6 +15,7 @@ import { Teleop } from "./teleop.js";
 
 const REMOVE_PX = 40;
 /** A goal so near to the robot is where it stands. */
+const SAME_PLACE_M = 0.2;
 const STEPS_0_1_S = 24;
 const HINTS = {
   move: "",
@@ -107,15 +108,18 @@ function asPose([x, y, yaw]) {
   return { x_m: x, y_m: y, yaw_rad: yaw };
 }
 
-/** Without a drag the heading is left to the services: as the robot arrives on its way there. */
-function withHeading([x, y, yaw], dragged) {
-  return [x, y, dragged ? yaw : null];
+/** Without a drag the heading is left to the services: as the robot arrives on its way there. Where
+ * it is already, it keeps its own.
+ */
+function withHeading([x, y, yaw], dragged, from) {
+  const isThere = from && Math.hypot(x - from[0], y - from[1]) < SAME_PLACE_M;
+  return [x, y, dragged ? yaw : isThere ? from[2] : null];
 }
 
 function pick(pose, dragged) {
   switch (tool) {
     case "goal":
-      ask({ do: "goal", pose: asPose(withHeading(pose, dragged)) });
+      ask({ do: "goal", pose: asPose(withHeading(pose, dragged, scene.robot())) });
       choose("move");
       break;
     case "initial_pose":
@@ -123,7 +127,7 @@ function pick(pose, dragged) {
       choose("move");
       break;
     case "waypoints":
-      plan.waypoints.push(withHeading(pose, dragged));
+      plan.waypoints.push(withHeading(pose, dragged, plan.waypoints.at(-1) ?? scene.robot()));
       showWaypoints();
       break;
     case "drop_box":
