@@ -124,13 +124,18 @@ def test_markers_of_another_world_are_not_used() -> None:
     assert driver.rejected(DETECTIONS)["unknown marker"] == 1
 
 
-def test_docks_are_where_the_newest_camera_sees_the_marker() -> None:
+def with_a_marker() -> NodeDriver:
     entities = Entities(
         world_hash=house().world.hash, entities=(marker_entity("a", 80, -1.8, 0.427),)
     )
     driver = NodeDriver()
     driver.learn(entities=entities)
     driver.run(0.3)
+    return driver
+
+
+def test_docks_are_where_the_newest_camera_sees_the_marker() -> None:
+    driver = with_a_marker()
     goal = SendGoal(goal_id="dock", goal=DockRobot(dock_id="80"))
     driver.inbox.ask(SEND_GOAL, goal, lambda _: None)
     driver.step()
@@ -152,12 +157,7 @@ def test_docks_are_where_the_newest_camera_sees_the_marker() -> None:
 
 
 def test_a_marker_that_is_twice_in_a_picture_is_kept_twice_and_counted() -> None:
-    entities = Entities(
-        world_hash=house().world.hash, entities=(marker_entity("a", 80, -1.8, 0.427),)
-    )
-    driver = NodeDriver()
-    driver.learn(entities=entities)
-    driver.run(0.3)
+    driver = with_a_marker()
     upright = np.diag([1.0, -1.0, -1.0, 1.0])
     near, far = upright.copy(), upright.copy()
     near[2, 3], far[2, 3] = 1.0, 1.5

@@ -132,7 +132,7 @@ def followed(
                 line.say(text)
         feedback = client.feedback
         told = [] if feedback is None else [progress(feedback)]
-        told += [f"held: {client.holds}"] if client.holds else []
+        told += [f"held: {holds}"] if (holds := client.holds) else []
         if told:
             line.show(", ".join(told))
         meanwhile()

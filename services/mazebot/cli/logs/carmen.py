@@ -173,10 +173,9 @@ def _pose(where: Where, name: str, texts: list[str]) -> SE2:
 
 
 def _robot(found: _Found, where: Where, name: str, texts: list[str]) -> SE2:
-    pose = _pose(where, name, texts)
-    x_m, y_m, yaw = _numbers(where, name, texts, 3)
-    found.robots.append((where.line, x_m, y_m, yaw))
-    return pose
+    x_m, y_m, yaw_rad = _numbers(where, name, texts, 3)
+    found.robots.append((where.line, x_m, y_m, yaw_rad))
+    return SE2(x_m, y_m, wrap_angle(yaw_rad))
 
 
 def _check_headings(path: Path, found: _Found) -> None:

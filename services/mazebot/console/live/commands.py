@@ -56,13 +56,13 @@ def _start(robot: Robot, goal: act.ActionGoal, text: str) -> str:
 
 
 def _goal(robot: Robot, action: pm.Goal) -> str:
-    (pose,) = poses_with_headings(robot, [action.pose])
+    (pose,) = poses_with_headings(robot, [action.pose], ANSWER_TIMEOUT_S)
     goal = act.NavigateToPose(pose=pose)
     return _start(robot, goal, f"driving to {_text(action.pose)}")
 
 
 def _waypoints(robot: Robot, action: pm.Waypoints) -> str:
-    poses = tuple(poses_with_headings(robot, action.poses))
+    poses = tuple(poses_with_headings(robot, action.poses, ANSWER_TIMEOUT_S))
     goal = (
         act.FollowWaypoints(poses=poses) if action.stops else act.NavigateThroughPoses(poses=poses)
     )
