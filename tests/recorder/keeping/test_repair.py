@@ -186,7 +186,9 @@ def test_a_recorder_that_comes_back_goes_on_with_the_run(
     scans, results = (summary["messages"][name] for name in ("/scan", "/navigation/result"))
     assert (scans["received"], scans["recorded"]) == (50, written["/scan"])
     assert written["/scan"] <= 40
-    assert (results["received"], results["recorded"]) == (3, written["/navigation/result"])
+    # One that was written and is sent again may stand in it twice.
+    assert results["recorded"] == written["/navigation/result"]
+    assert results["received"] == max(3, written["/navigation/result"])
     whole = read_digests(run / "digests.bin").rows
     assert (whole[: len(digests)] == digests).all()
     assert len(whole) > len(digests) + 200
