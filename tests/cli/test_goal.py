@@ -127,7 +127,10 @@ def navigation(endpoint: str) -> Iterator[Navigation]:
     navigation.session.close()  # type: ignore[no-untyped-call]
 
 
-def test_ctrl_c_cancels_the_goal(navigation: Navigation) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_what_stops_the_command_cancels_the_goal(
+    navigation: Navigation, number: signal.Signals
+) -> None:
     command = subprocess.Popen(
         [sys.executable, "-m", "mazebot.cli", "goal", "1", "-0.5", "0.25",
          "--connect", navigation.endpoint],
@@ -136,9 +139,9 @@ def test_ctrl_c_cancels_the_goal(navigation: Navigation) -> None:
     assert command.stdout is not None
     assert command.stdout.readline() == "driving to (1, -0.5, 0.25)\n"
     assert navigation.came.wait(DEADLINE_S)
-    command.send_signal(signal.SIGINT)
+    command.send_signal(number)
     _, error = command.communicate(timeout=DEADLINE_S)
-    assert command.returncode == 130
+    assert command.returncode == 128 + number
     assert error == "canceled: the robot stops\n"
     assert navigation.cancelled == [CancelGoal(goal_stamp_ns=12_500_000_000)]
 
