@@ -134,6 +134,15 @@ def test_damaged_messages_are_counted_and_skipped(messages: list[Replayed], tmp_
     assert "left out: /odom: 7 messages: quaternion not normalized" in done.stdout
 
 
+def test_what_was_logged_later_than_a_stamp_can_tell_is_left_out(
+    messages: list[Replayed], tmp_path: Path
+) -> None:
+    late = next(one for one in messages if one.topic is ODOM)._replace(time_ns=2**62)
+    bag = runs.write_bag(tmp_path / "bag", [*messages, late], StoragePlugin.MCAP)
+    done = mazebot("replay", str(bag), "--service", "localization")
+    assert "left out: /odom: 1 message: log time later than ROS can tell" in done.stdout
+
+
 @pytest.mark.parametrize("form", ["today", "one field more", "json"])
 def test_documents_of_another_version_are_read(tmp_path: Path, form: str) -> None:
     topics: tuple[Topic[Any], ...] = (LOCALIZATION_STATUS, ENTITIES)

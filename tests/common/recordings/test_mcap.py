@@ -17,6 +17,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages import topics as table
+from mazebot.cli.bags.mcap_bag import McapBag
 from mazebot.common.messages import wire
 from mazebot.common.messages.documents import Document
 from mazebot.common.messages.topics import (
@@ -31,7 +32,7 @@ from mazebot.common.node.node import Envelope
 from mazebot.common.recordings.mcap.mcap_channels import definition_of, qos_profiles_of
 from mazebot.common.recordings.mcap.mcap_file import McapFile, Row, repair
 from mazebot.common.recordings.mcap.mcap_messages import RecordedMessage, read_messages
-from mazebot.common.recordings.mcap.mcap_records import McapError
+from mazebot.common.recordings.mcap.mcap_records import RECORD_HEAD, McapError
 from mazebot.common.recordings.mcap.mcap_scan import scan
 from tests.common.samples import SAMPLES
 
@@ -254,6 +255,18 @@ def test_a_damaged_chunk_is_told_of(path: Path) -> None:
     assert [next(messages) for _ in TOPICS] == recorded([0])
     with pytest.raises(McapError, match=f"corrupt chunk, at byte {chunk.offset}"):
         next(messages)
+
+
+def test_a_chunk_too_short_to_say_what_it_holds_is_told_of(path: Path) -> None:
+    data = path.read_bytes()
+    first = scan(path).chunks[0]
+    head = data[first.offset : first.offset + RECORD_HEAD.size + 24]
+    short = head[:1] + (24).to_bytes(8, "little") + head[RECORD_HEAD.size :]
+    path.write_bytes(data[: first.offset] + short + data[first.offset + first.length :])
+    with pytest.raises(McapError, match="truncated record"):
+        scan(path)
+    with pytest.raises(McapError, match="truncated record"):
+        McapBag(path)
 
 
 def test_a_disk_that_refuses_a_chunk_leaves_the_file_as_it_was(path: Path) -> None:

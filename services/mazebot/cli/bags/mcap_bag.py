@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
@@ -17,7 +18,7 @@ from rosbags.interfaces import (
 from mazebot.cli.bags.log_clock import Message, Move, Place, Span, in_time, place_in
 from mazebot.common.files.reading import open_regular
 from mazebot.common.recordings.mcap import mcap_records as mcap
-from mazebot.common.recordings.mcap.mcap_scan import Found, content, records
+from mazebot.common.recordings.mcap.mcap_scan import Found, chunk_head, content, records
 
 _FORMATS = {
     "ros2msg": MessageDefinitionFormat.MSG,
@@ -95,7 +96,7 @@ class McapBag:
         for found in records(file):
             end = found.offset + found.length
             if found.opcode == mcap.CHUNK:
-                self._blocks.append(_Block(*_chunk_span_ns(file, found), found))
+                self._blocks.append(_Block(*chunk_head(file, found)[:2], found))
             elif found.opcode == mcap.MESSAGE:
                 self._blocks.append(_Block(*_message_span_ns(file, found), found))
             elif found.opcode == mcap.FOOTER:
@@ -104,13 +105,14 @@ class McapBag:
             elif found.opcode in (mcap.SCHEMA, mcap.CHANNEL):
                 self._define(found.opcode, content(file, found))
         rest = os.fstat(file.fileno()).st_size - end
-        if self.is_whole or rest < mcap.RECORD_HEAD.size + mcap.CHUNK_HEAD.size:
+        if self.is_whole or rest < mcap.RECORD_HEAD.size:
             return
         file.seek(end)
         (opcode, _) = mcap.RECORD_HEAD.unpack(file.read(mcap.RECORD_HEAD.size))
         if opcode == mcap.CHUNK:
             begun = Found(opcode, end, rest)
-            self._blocks.append(_Block(*_chunk_span_ns(file, begun), begun, is_whole=False))
+            with contextlib.suppress(mcap.McapError):
+                self._blocks.append(_Block(*chunk_head(file, begun)[:2], begun, is_whole=False))
 
     def _look_into_chunks(self, file: BinaryIO) -> None:
         for block in self._blocks:
@@ -154,12 +156,6 @@ class McapBag:
         return Connection(
             channel.id, channel.topic, schema.name, MessageDefinition(kind, text), "", 0, how, self
         )
-
-
-def _chunk_span_ns(file: BinaryIO, found: Found) -> tuple[int, int]:
-    file.seek(found.offset + mcap.RECORD_HEAD.size)
-    start_ns, end_ns, _, _ = mcap.CHUNK_HEAD.unpack(file.read(mcap.CHUNK_HEAD.size))
-    return start_ns, end_ns
 
 
 def _message_span_ns(file: BinaryIO, found: Found) -> tuple[int, int]:

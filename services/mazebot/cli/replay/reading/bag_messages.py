@@ -39,6 +39,8 @@ _HEAD_MESSAGES = 5000
 _CLOCK_PERIOD_NS = round(1e9 / (CLOCK.rate_hz or 60.0))
 _LONGEST_SILENCE_NS = 60_000_000_000
 _OF_CLIENTS = (GOAL_POSE.name, INITIAL_POSE.name)
+_LATEST_NS = (2**31 - 1) * 1_000_000_000
+"""The seconds of builtin_interfaces/msg/Time are an int32."""
 _STEP_S = 1.0 / 240.0
 _MAP_TEXT = MAP_FRAME.encode() + b"\0"
 
@@ -176,17 +178,20 @@ def _read(
             channel = channels.get(connection.id)
             if channel is None:
                 continue
+            topic = channel.topic
             time_ns = time.at(log_ns, stamp_of(connection.msgtype, data))
             try:
+                if time_ns > _LATEST_NS:
+                    raise wire.WireError("log time later than ROS can tell")
                 message = _fitted(channel, data, time)
+                encoded = wire.encode(topic, message)
             except wire.WireError as error:
                 recording.unfit[connection.topic, error.reason] += 1
                 continue
-            topic = channel.topic
             service = _service_of(topic, message)
             envelope = Envelope(service, sequences[service, topic.name], time_ns, "")
             sequences[service, topic.name] += 1
-            yield Replayed(topic, wire.encode(topic, message), service, envelope, time_ns)
+            yield Replayed(topic, encoded, service, envelope, time_ns)
         recording.left_out |= bag.damaged
 
 

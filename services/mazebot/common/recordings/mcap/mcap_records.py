@@ -201,6 +201,16 @@ def _texts(values: Mapping[str, str]) -> bytes:
     return _U32.pack(len(data)) + data
 
 
+class ChunkHead(NamedTuple):
+    """What a chunk says of its records: their times, and bytes with and without compression."""
+
+    start_ns: int
+    end_ns: int
+    size: int
+    compression: str
+    compressed_size: int
+
+
 class _Cursor:
     """Reads the fields of a record one after the other."""
 
@@ -266,12 +276,13 @@ def read_chunk(data: bytes) -> Chunk:
     return _read(data, read)
 
 
-def read_chunk_body(data: bytes) -> tuple[str, int]:
-    """Compression, and compressed bytes, of the chunk whose content begins so. Raises McapError."""
+def read_chunk_head(data: bytes) -> ChunkHead:
+    """What the chunk is whose content begins so. Raises McapError."""
 
-    def read(at: _Cursor) -> tuple[str, int]:
+    def read(at: _Cursor) -> ChunkHead:
+        start_ns, end_ns, size, _ = CHUNK_HEAD.unpack_from(data)
         at.at = CHUNK_HEAD.size
-        return at.text(), at.number(_U64)
+        return ChunkHead(start_ns, end_ns, size, at.text(), at.number(_U64))
 
     return _read(data, read)
 
@@ -349,8 +360,7 @@ def begun_chunk(data: bytes) -> bytes:
 
     Raises McapError if not even its beginning can be read.
     """
-    compression, size = read_chunk_body(data)
-    (_, _, most, _) = CHUNK_HEAD.unpack_from(data)
+    _, _, most, compression, size = read_chunk_head(data)
     check_size(most)
     body = data[CHUNK_HEAD.size + _U32.size + len(compression.encode()) + _U64.size :][:size]
     try:

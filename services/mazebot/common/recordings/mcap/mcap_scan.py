@@ -113,27 +113,30 @@ def _add(contents: Contents, file: BinaryIO, found: Found) -> None:
         contents.texts[name] = texts
 
 
+def chunk_head(file: BinaryIO, chunk: Found) -> rec.ChunkHead:
+    """What a chunk says of its records. Raises McapError."""
+    head = Found(chunk.opcode, chunk.offset, min(chunk.length, _HEAD_BYTES))
+    return rec.read_chunk_head(content(file, head))
+
+
 def _add_chunk(
     contents: Contents, file: BinaryIO, chunk: Found, indexes: list[tuple[Found, int, int]]
 ) -> None:
-    head = Found(chunk.opcode, chunk.offset, min(chunk.length, _HEAD_BYTES))
-    data = content(file, head)
-    start_ns, end_ns, size, _ = rec.CHUNK_HEAD.unpack_from(data)
-    compression, compressed_size = rec.read_chunk_body(data)
+    told = chunk_head(file, chunk)
     for _, channel, count in indexes:
         contents.counts[channel] += count
     contents.end = chunk.offset + chunk.length + sum(found.length for found, _, _ in indexes)
     contents.chunks.append(
         rec.ChunkIndex(
-            start_ns,
-            end_ns,
+            told.start_ns,
+            told.end_ns,
             chunk.offset,
             chunk.length,
             {channel: found.offset for found, channel, _ in indexes},
             sum(found.length for found, _, _ in indexes),
-            compression,
-            compressed_size,
-            size,
+            told.compression,
+            told.compressed_size,
+            told.size,
         )
     )
 
