@@ -159,12 +159,15 @@ class NodeDriver:
         self.extra_segments: Array = np.empty((0, 4))
         self.blind = False
         """No scans come."""
+        self.frozen = False
+        """The lidar's last ranges come again and again, with new stamps."""
         self.deaf = False
         """The robot hears no commands, and stands."""
         self._slip = 1.0 + slip
         self._rng = np.random.default_rng(1)
         self._sequence: dict[str, int] = {}
         self._command = STOP
+        self._ranges_m: NDArray[np.float32] = np.empty(0, np.float32)
         self._odometry: deque[int] = deque()
 
     def deliver(self, topic: Topic[M], message: M | bytes) -> None:
@@ -223,9 +226,11 @@ class NodeDriver:
         self.now_ns += CONTROL_PERIOD_NS
         self.deliver(ODOM, odometry(self.now_ns, self.odom_from_base, self.robot.velocity))
         if not self.blind and self.now_ns % 100_000_000 == 0:
-            segments = np.concatenate([wall_segments(), self.extra_segments])
-            exact_m = cast(self.robot.map_from_base @ BASE_FROM_SCAN, segments)
-            self.deliver(SCAN, scan(self.now_ns, as_ranges(exact_m, self._rng)))
+            if not self.frozen:
+                segments = np.concatenate([wall_segments(), self.extra_segments])
+                exact_m = cast(self.robot.map_from_base @ BASE_FROM_SCAN, segments)
+                self._ranges_m = as_ranges(exact_m, self._rng)
+            self.deliver(SCAN, scan(self.now_ns, self._ranges_m))
         self.localization.step(self.now_ns, self.localization_inbox, self.localization_outbox)
         self.node.step(self.now_ns, self.inbox, self.outbox)
         self.log.poses.append(self.robot.map_from_base)

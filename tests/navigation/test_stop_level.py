@@ -23,11 +23,14 @@ from mazebot.common.messages.topics import (
     LOCALIZATION_STATUS,
     NAVIGATION_CHECKPOINT,
     NAVIGATION_STATUS,
+    SCAN,
     SEND_GOAL,
     SIMULATION_STATS,
     TF_STATIC,
 )
+from mazebot.common.robot.frozen_scans import FROZEN
 from mazebot.navigation.config import NavigationConfig
+from mazebot.navigation.control.collision import STOP
 from tests.common.samples import SAMPLES
 from tests.navigation.driving import LOCATIONS, NodeDriver, scan
 from tests.navigation.test_resume import again, on_the_way
@@ -139,6 +142,26 @@ def test_what_is_missing_or_too_old_is_told_with_what_clears_it() -> None:
     driver.blind = False
     driver.run(0.2)
     assert (status(driver).stop_level, causes(driver)) == ("none", [])
+
+
+def test_a_lidar_that_shows_the_same_turn_again_stops_the_robot_until_it_shows_another() -> None:
+    driver = NodeDriver()
+    driver.learn()
+    driver.run(1.0)
+    driver.goal(GOAL)
+    driver.run(3.0)
+    begun = driver.robot.map_from_base
+    driver.frozen = True
+    driver.run(2.0)
+    assert driver.robot.map_from_base.distance_m(begun) < 0.5
+    assert driver.log.commands[-1] == STOP
+    assert driver.rejected(SCAN)[FROZEN] > 5
+    assert not driver.of(LOCALIZATION_STATUS)[-1].wheel_slip
+    assert "/scan" in causes(driver)[0][1]
+    driver.frozen = False
+    driver.run(60.0)
+    assert driver.results()[-1].error_code == 0
+    assert driver.robot.map_from_base.distance_m(GOAL) < 0.25
 
 
 def with_depth(config: NavigationConfig | None = None) -> NodeDriver:

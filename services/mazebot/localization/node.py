@@ -61,6 +61,7 @@ from mazebot.common.node.pose_estimate import (
 )
 from mazebot.common.node.schedule import Schedule
 from mazebot.common.node.simulation_watch import SimulationWatch
+from mazebot.common.robot.frozen_scans import FROZEN, FrozenScans
 from mazebot.common.robot.wheel_slip import WheelSlip, log_slip
 from mazebot.common.world.costmap import MAX_MAP_CELLS
 from mazebot.localization.config import STEP_PERIOD_NS, LocalizationConfig
@@ -98,7 +99,7 @@ class LocalizationNode(Node):
         self._started = False
         """Whether the filter was given the start pose."""
         self._odom: tuple[int, SE2] | None = None
-        self._slip = WheelSlip()
+        self._slip, self._frozen = WheelSlip(), FrozenScans()
         self._scanned = False
         self._schedule = Schedule()
         self._published: tuple[State, int | None, bool, bool] | None = None
@@ -231,7 +232,7 @@ class LocalizationNode(Node):
     def _reset(self) -> None:
         """Drop all measurements; the filter restarts at the start pose."""
         self._odom = None
-        self._slip = WheelSlip()
+        self._slip, self._frozen = WheelSlip(), FrozenScans()
         self._scanned = self._started = False
         self._schedule.clear()
         self._localization = None
@@ -363,6 +364,10 @@ class LocalizationNode(Node):
             inbox.reject(SCAN, "without odometry at their time")
             return
         taken = Scan.from_message(scan, Mount.of(self._base_from[SCAN_FRAME]))
+        assert self._odom is not None
+        if self._frozen.is_frozen(taken, self._odom[1]):
+            inbox.reject(SCAN, FROZEN)
+            return
         if self._slip.scan(taken):
             localization.correct_odometry(self._slip.corrected)
         localization.scan(taken)

@@ -42,6 +42,7 @@ from mazebot.common.node.pose_estimate import (
 )
 from mazebot.common.node.schedule import Schedule
 from mazebot.common.node.simulation_watch import SimulationWatch
+from mazebot.common.robot.frozen_scans import FROZEN, FrozenScans
 from mazebot.common.robot.wheel_slip import WheelSlip, log_slip
 from mazebot.mapping.config import STEP_PERIOD_NS, MappingConfig
 from mazebot.mapping.graph.graph_file import load_graph
@@ -97,7 +98,7 @@ class MappingNode(Node):
         self._odom: tuple[int, SE2] | None = None
         self._scanned = False
         self._schedule = Schedule()
-        self._slip = WheelSlip()
+        self._slip, self._frozen = WheelSlip(), FrozenScans()
         self._published: tuple[str, int | None, bool, bool] | None = None
         """State, epoch, slip and suspicion of the status last published."""
         self._published_map: int | None = None
@@ -181,7 +182,7 @@ class MappingNode(Node):
     def _reset(self) -> None:
         """Drop the map and all measurements."""
         self._slam = self._odom = self._received_ns = None
-        self._slip = WheelSlip()
+        self._slip, self._frozen = WheelSlip(), FrozenScans()
         self._scanned = False
         self._schedule.clear()
         self._published_map = self._published_graph = None
@@ -249,6 +250,10 @@ class MappingNode(Node):
             inbox.reject(SCAN, NO_ODOMETRY)
             return
         taken = Scan.from_message(scan, Mount.of(self._base_from[SCAN_FRAME]))
+        assert self._odom is not None
+        if self._frozen.is_frozen(taken, self._odom[1]):
+            inbox.reject(SCAN, FROZEN)
+            return
         if self._slip.scan(taken):
             slam.correct_odometry(self._slip.corrected)
         slam.scan(taken)

@@ -89,6 +89,7 @@ from mazebot.common.node.frame_tree import FrameTree
 from mazebot.common.node.node import Inbox, Node, Outbox, random_generator
 from mazebot.common.node.schedule import Schedule
 from mazebot.common.node.simulation_watch import SimulationWatch
+from mazebot.common.robot.frozen_scans import FROZEN
 from mazebot.common.ros.parameters import parameter_event
 from mazebot.common.world.costmap import MAX_MAP_CELLS, Cells, straightened
 from mazebot.navigation.behavior.actions import (
@@ -526,6 +527,9 @@ class NavigationNode(Node):
             if measured.odom is None or lidar is None:
                 continue
             scan = Scan.from_message(message, lidar)
+            if measured.is_frozen(scan):
+                inbox.reject(SCAN, FROZEN)
+                continue
             measured.take_scan(scan)
             if self._drive is not None:
                 self._drive.take_scan(scan, measured, self._watch.epoch)
@@ -539,6 +543,9 @@ class NavigationNode(Node):
             if self._drive is None or measured.odom is None or self._depth_camera is None:
                 continue
             scan = Scan.from_message(message, self._depth_camera)
+            if measured.is_frozen(scan, is_depth=True):
+                inbox.reject(DEPTH_SCAN, FROZEN)
+                continue
             if any(self._drive.depth_sources):
                 measured.take_depth(stamp_ns)
             self._drive.take_depth_scan(scan, message.intensities, measured, self._watch.epoch)

@@ -13,6 +13,7 @@ import numpy as np
 from mazebot.cli.logs.log import Log
 from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import SE2, Array, wrap_angles
+from mazebot.common.robot.frozen_scans import FROZEN, FrozenScans
 
 if TYPE_CHECKING:
     from mazebot.common.messages.slam_documents import PoseGraph
@@ -139,6 +140,7 @@ def run(
     scans = log.scans
     stamps_ns, anchors, fits, step_ms = [], [], [], []
     odometry = []
+    frozen = FrozenScans()
     done, driven_m = 0, 0.0
     last: SE2 | None = None
     began = time.perf_counter()
@@ -151,7 +153,11 @@ def run(
         if step.scan is None:
             continue
         begin = time.perf_counter()
-        used = slam.scan(step.scan.at(base_from_scan, step.stamp_ns))
+        scan = step.scan.at(base_from_scan, step.stamp_ns)
+        is_frozen = last is not None and frozen.is_frozen(scan, last)
+        if is_frozen:
+            slam.left_out[FROZEN] += 1
+        used = not is_frozen and slam.scan(scan)
         step_ms.append((time.perf_counter() - begin) * 1e3)
         if used:
             stamps_ns.append(step.stamp_ns)

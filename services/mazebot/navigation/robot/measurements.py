@@ -14,6 +14,7 @@ from mazebot.common.maths.odometry_history import OdometryHistory
 from mazebot.common.messages.documents import LocalizationStatus
 from mazebot.common.messages.scan import Scan
 from mazebot.common.messages.topics import AMCL_POSE, ODOM, SCAN
+from mazebot.common.robot.frozen_scans import FrozenScans
 from mazebot.navigation.behavior.context import BatteryCharge
 from mazebot.navigation.control.collision import STOP, Velocity, stands
 from mazebot.navigation.control.safety.collision_monitor import moved_points
@@ -73,6 +74,7 @@ class Measurements:
         self._slip_ns: int | None = None
         """When the wheels last slipped."""
         self.echoes: Echoes | None = None
+        self._frozen, self._frozen_depth = FrozenScans(), FrozenScans()
         self._scans: deque[tuple[Scan, SE2]] = deque(maxlen=_SCANS_KEPT)
         self._pose_std_m: float | None = None
         self._pose_std_rad = math.inf
@@ -95,6 +97,14 @@ class Measurements:
         """Take the state of localization; whether a pose was found where it was sought before."""
         before, self.localization = self.localization, status
         return before is not None and before.wants_motion and status.state == "localized"
+
+    def is_frozen(self, scan: Scan, is_depth: bool = False) -> bool:
+        """Whether a scan, of the lidar or of the depth camera, is an earlier one again, and not
+        what is there; once odometry is known.
+        """
+        assert self.odom is not None
+        frozen = self._frozen_depth if is_depth else self._frozen
+        return frozen.is_frozen(scan, self.odom[1])
 
     def take_scan(self, scan: Scan) -> None:
         """Keep a scan's echoes, once odometry is known."""
