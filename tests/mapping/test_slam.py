@@ -12,7 +12,7 @@ from mazebot.common.messages.documents import Planar
 from mazebot.common.messages.scan import Scan
 from mazebot.mapping.loops.carried_off import CarriedOff
 from mazebot.mapping.params import SlamParams
-from mazebot.mapping.slam import CARRIED_OFF, NO_ODOMETRY, NOT_LATER, Slam
+from mazebot.mapping.slam import CARRIED_OFF, NO_ODOMETRY, NO_RETURNS, NOT_LATER, Slam
 from tests.mapping.simulated import (
     LDS,
     SCAN_NS,
@@ -248,6 +248,35 @@ def test_the_first_scan_may_be_empty() -> None:
     ]
     off = errors(Slam(PARAMS, TOUR[0]), steps)
     assert off[-1, 0] < 0.02
+
+
+@pytest.mark.parametrize("blank", [math.inf, math.nan])
+@pytest.mark.parametrize("when", [slice(0, 6), slice(40, 60), slice(3, None, 7)])
+def test_a_lidar_that_drops_out_draws_no_free_floor_behind_walls(blank: float, when: slice) -> None:
+    steps = log(ROOM, TOUR)
+    blanks = range(len(steps))[when]
+    empty = np.full(360, blank, np.float32)
+    slam = slam_of(
+        [dataclasses.replace(s, ranges_m=empty) if i in blanks else s for i, s in enumerate(steps)]
+    )
+    assert dict(slam.left_out) == {NO_RETURNS: len(blanks)}
+    assert slam.pose()[0].distance_m(steps[-1].true) < 0.02
+    grid = slam.grid()
+    rows, columns = np.nonzero(grid.cells == 0)
+    assert 10.0 < len(rows) * grid.resolution_m**2 < 12.0
+    x = grid.origin.x_m + (columns + 0.5) * grid.resolution_m
+    y = grid.origin.y_m + (rows + 0.5) * grid.resolution_m
+    assert min(x.min(), y.min()) > -0.05
+    assert x.max() < 4.05
+    assert y.max() < 3.05
+
+
+def test_open_floor_is_mapped_where_nothing_returns() -> None:
+    steps = log(wall(90.0, 0.0, 90.0, 1.0), TOUR)
+    slam = slam_of(steps)
+    assert slam.keyframes > 1
+    assert 0 < slam.left_out[NO_RETURNS] <= 2_000_000_000 // SCAN_NS
+    assert (slam.grid().cells == 0).sum() * slam.grid().resolution_m ** 2 > 38.0
 
 
 def test_odometry_that_jumps_is_not_believed() -> None:

@@ -51,6 +51,12 @@ _SPACING_M = 0.01
 _MOST_RETURNS = 720
 _FEW_RETURNS = 10
 """A scan with fewer returns does not correct the pose."""
+_FEW_SHARE = 0.1
+"""And with less than this share of its beams it may be none of what is there:"""
+_BLANK_SHARE = 0.3
+"""it shows no open floor if more of its beams than this pass through walls."""
+_SPINS_UP_NS = 2_000_000_000
+"""Before a first scan without returns is believed: a lidar's motor takes as long."""
 _JUMP_M, _JUMP_M_S = 1.0, 5.0
 """Odometry that moves by more at once may have jumped: the scan decides. Where it cannot, what is
 faster has jumped.
@@ -123,6 +129,7 @@ _ROUND_RAD = 5.5
 
 NO_ODOMETRY = "without odometry at their time"
 NOT_VALID = "with angles or a range_min that are not finite, or a range_max that is not larger"
+NO_RETURNS = "without returns"
 NOT_LATER = "not later than the one before"
 TOO_SOON = "within minimum_time_interval"
 CARRIED_OFF = "after the robot was carried off"
@@ -144,6 +151,8 @@ class Slam:
         self._params = params
         self._history = OdometryHistory()
         self._graph = Graph()
+        self._begun_ns: int | None = None
+        """Stamp of the first scan of all."""
         self._seen: list[ScanPoints] = []
         self._clouds: list[Array] = []
         """Of each node, what several scans saw there, as `local_map` takes it."""
@@ -324,7 +333,8 @@ class Slam:
         """Correct the pose by a scan, and add to the map what it shows; True if it was used.
 
         A scan is not used if it is not later than the last one, if there is no odometry for its
-        stamp, if its description is not valid, or while the robot is lost.
+        stamp, if its description is not valid, if it has no returns where walls are, or while the
+        robot is lost.
         """
         p, stamp_ns = self._params, scan.stamp_ns
         odom_from_base = self._history.at(stamp_ns)
@@ -346,12 +356,22 @@ class Slam:
         sees_round = abs(scan.angle_increment_rad) * len(scan.ranges_m) > _ROUND_RAD
         returns = thinned(seen.points_m, _SPACING_M, _MOST_RETURNS)
         motion = self._predict(stamp_ns, odom_from_base, returns, seen.sensor)
+        is_empty = len(seen.points_m) < min(_FEW_RETURNS, _FEW_SHARE * len(scan.ranges_m))
         if not self._seen:
+            self._begun_ns = stamp_ns if self._begun_ns is None else self._begun_ns
+            if is_empty and stamp_ns - self._begun_ns < _SPINS_UP_NS:
+                self.left_out[NO_RETURNS] += 1
+                return False
             self._scanned = (stamp_ns, odom_from_base)
             if not self.fixed:
                 self.quality = 1.0 if len(returns) else 0.0
                 self._add_keyframe(stamp_ns, seen, returns, matched=False)
             return True
+        if is_empty and self._is_blank(seen):
+            self._scanned = (stamp_ns, odom_from_base)
+            self._map_from_odom = self._pose @ odom_from_base.inverse()
+            self.left_out[NO_RETURNS] += 1
+            return False
         usual_fit = self._usual_fit
         fit = self._match(returns, seen.sensor, motion)
         self._scanned = (stamp_ns, odom_from_base)
@@ -376,6 +396,15 @@ class Slam:
             self.left_out[CARRIED_OFF] += 1
             return False
         return True
+
+    def _is_blank(self, seen: ScanPoints) -> bool:
+        """Whether a scan with hardly a return shows nothing: neither does it see open floor, or
+        that is behind walls of the map, as where a lidar drops out.
+        """
+        if not len(seen.misses_m):
+            return True
+        behind = share_behind_walls(self.grid(), self._pose, seen.misses_m, seen.sensor)
+        return behind > _BLANK_SHARE
 
     def _judge(
         self, fit: float, moved: SE2 | None, has_jumped: bool, returns: Array, sensor: SE2
