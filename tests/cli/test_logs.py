@@ -115,6 +115,13 @@ class TestCarmen:
         assert math.degrees(entry.scan.angle_min_rad) == pytest.approx(first_deg)
         assert math.degrees(entry.scan.angle_increment_rad) == pytest.approx(step_deg)
 
+    def test_angles_that_are_a_guess_are_told(self, tmp_path: Path) -> None:
+        path = written(tmp_path, flaser(5.0, ranges=[2.0] * 682))
+        assert read(path).assumed.startswith("line 1: FLASER has 682 readings and no angles: ")
+        given = ScanForm(angle_min_rad=-2.0944, angle_increment_rad=0.00615)
+        assert read(path, given).assumed == ""
+        assert read(written(tmp_path, flaser(5.0, ranges=[2.0] * 181))).assumed == ""
+
     def test_robotlaser_says_its_own_form(self, tmp_path: Path) -> None:
         robot = SE2(1.0, 2.0, 1.5)
         laser = robot @ SE2(0.2, 0.0, 0.0)
@@ -308,6 +315,25 @@ class TestCsv:
         poses = [entry.odom_from_base for entry in log.entries]
         assert [pose.x_m for pose in poses if pose is not None] == [0.0, 1.0, 2.0, 3.0]
         assert log.retimed == made_up
+
+    @pytest.mark.parametrize("turns", [True, False])
+    def test_the_longest_range_of_very_many_beams_is_a_code(
+        self, tmp_path: Path, turns: bool
+    ) -> None:
+        path = tmp_path / "log.csv"
+        names = [f"range_{i}" for i in range(60)]
+        rows = [",".join(["time_s", "odom_x_m", "odom_y_m", "odom_yaw_rad", *names])]
+        for k in range(40):
+            ranges = np.linspace(1.0, 3.0, 60)
+            ranges[(k * turns + np.arange(15)) % 60] = 10.0
+            rows.append(",".join(map(str, [0.1 * k, 0, 0, 0, *ranges])))
+        path.write_text("\n".join(rows) + "\n")
+        log = read(path, ScanForm(range_max_m=12.0))
+        # A robot that stands measures the same.
+        assert log.codes_m == ((10.0,) if turns else ())
+        for entry in scans(log):
+            assert entry.scan is not None
+            assert np.isnan(entry.scan.ranges_m).sum() == (15 if turns else 0)
 
 
 class TestKinds:

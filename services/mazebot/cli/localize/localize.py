@@ -20,6 +20,7 @@ from mazebot.cli.logs.options import (
     RangeMin,
     ScanTopic,
     scan_form,
+    warn_of_guess,
     warn_of_place,
 )
 from mazebot.cli.logs.read import read_log
@@ -106,6 +107,7 @@ def localize(
     log = read_log(log_file, form, Topics(scan_topic, odom_topic))
     for remark in log.remarks():
         sys.stderr.write(f"{log_file}: {remark}\n")
+    warn_of_guess(log_file, log)
     if base_from_scan is None:
         warn_of_place(log_file, log)
     check_turn(log_file, log, base_from_scan)

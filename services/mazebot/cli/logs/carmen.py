@@ -31,6 +31,8 @@ _LARGEST = 1e10
 _FARTHEST_M = 80.0
 """CARMEN's maximum range of a SICK; 81.83 and more are its codes for no return, dazzling, etc."""
 _RANGE_MIN_M = 0.05
+_SICKS = ((91, math.pi), (181, math.pi), (361, math.pi), (401, math.radians(100.0)))
+"""Readings of a SICK, and its field of view."""
 _TOP = 0.0015
 _TOP_SHARE = 0.01
 """So many of all readings within so little of the longest one are a code, not walls."""
@@ -104,7 +106,8 @@ def read(path: Path, lines: Iterable[str], form: ScanForm) -> Log:
     _check_headings(path, found)
     place = _base_from_scan(sweeps, found.offset_m)
     entries, retimed = _in_time(sweeps, form, [] if sweeps[0].robot else found.odometry, place)
-    return Log(entries, int(damage is not None), retimed)
+    assumed = _assumed(sweeps, form) if kind == "FLASER" else ""
+    return Log(entries, int(damage is not None), retimed, assumed=assumed)
 
 
 def _add(found: _Found, where: Where, words: list[str], whole: bool) -> None:
@@ -141,12 +144,26 @@ def _add(found: _Found, where: Where, words: list[str], whole: bool) -> None:
         )
 
 
+def _assumed(sweeps: list[_Sweep], form: ScanForm) -> str:
+    """What to say of scans whose angles are a guess, in one line; empty: they are known."""
+    if None not in (form.angle_min_rad, form.angle_increment_rad):
+        return ""
+    known = {beams for whole, _ in _SICKS for beams in (whole - 1, whole)}
+    unknown = next((one for one in sweeps if len(one.ranges_m) not in known), None)
+    if unknown is None:
+        return ""
+    return (
+        f"line {unknown.line}: FLASER has {len(unknown.ranges_m)} readings and no angles: they are "
+        "taken to be of 180 degrees, ahead: --angle-min and --angle-increment say what they are"
+    )
+
+
 def _sick_form(beams: int) -> tuple[float, float]:
     """Angle between two beams and the field of view they are centred in, by their number.
 
     Of 180, 360 and 400 beams it is the last of 181, 361 and 401 that is missing.
     """
-    for whole, fov in ((181, math.pi), (361, math.pi), (401, math.radians(100.0))):
+    for whole, fov in _SICKS:
         if beams in (whole, whole - 1):
             return fov / (whole - 1), fov
     return math.pi / max(1, beams - 1), math.pi

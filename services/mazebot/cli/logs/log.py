@@ -99,6 +99,10 @@ class Log:
     """Scans whose range_min or range_max is not a number, or the latter not larger."""
     no_returns: str = ""
     """That no range of all scans is a return, in one line; empty: some are."""
+    codes_m: tuple[float, ...] = ()
+    """Ranges below range_max that stand for no return, of each lidar that has one."""
+    assumed: str = ""
+    """What is a guess, as the log does not say it, in one line; empty: nothing."""
     reaches: tuple[Reach, ...] = ()
     """Of the lidars whose longest return counts as range_max."""
     unplaced: tuple[str, ...] = ()
@@ -142,6 +146,11 @@ class Log:
             )
         if self.no_returns:
             found.append(self.no_returns)
+        for code_m in self.codes_m:
+            found.append(
+                f"{code_m:g} m is what very many beams of all directions measure: taken for a "
+                "code of no return, which shows no free space either"
+            )
         for reach in self.reaches:
             found.append(
                 f"no return is longer than {reach.longest_m:.2f} m, and range_max is "

@@ -75,6 +75,12 @@ def scan_form(
     return ScanForm(angle_min, angle_increment, range_min, range_max)
 
 
+def warn_of_guess(log_file: Path, log: Log) -> None:
+    """Say on standard error what the log does not say, and is a guess."""
+    if log.assumed:
+        sys.stderr.write(f"warning: --log: {log_file}: {log.assumed}\n")
+
+
 def warn_of_place(log_file: Path, log: Log) -> None:
     """Say on standard error where the log should have the lidar's pose, and has not."""
     if warning := log.warning_of_place():

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -11,6 +11,12 @@ from mazebot.cli.logs.log import Entry, Log, LoggedScan, Reach
 
 _FAR_BEYOND = 2.0
 """A range_max of more than so many times the longest return is not what the lidar sees."""
+_CODE_SHARE, _CODE_BEAMS, _CODE_READINGS = 0.01, 10, 300
+"""The longest range is a code, and nothing measured, if such a share of all readings, in so many of
+the beams, and so many of all, are the very same: what is measured differs.
+"""
+_CODE_TURNS = 2.0
+"""It comes in so many times as many beams as in one scan: a robot that stands measures the same."""
 
 
 @dataclass
@@ -22,13 +28,35 @@ class _Seen:
     stated_m: float = 0.0
     """The largest range_max."""
     has_misses: bool = False
+    readings: int = 0
+    longest: int = 0
+    """Readings that are the longest return."""
+    scans: int = 0
+    """Scans that have it."""
+    beams: set[int] = field(default_factory=set)
+    """Which have it."""
 
     def add(self, scan: LoggedScan) -> None:
         ranges_m = scan.ranges_m
         returned = (ranges_m >= scan.range_min_m) & (ranges_m > 0.0) & (ranges_m < scan.range_max_m)
-        self.longest_m = max(self.longest_m, float(ranges_m.max(initial=0.0, where=returned)))
+        longest_m = float(ranges_m.max(initial=0.0, where=returned))
+        if longest_m > self.longest_m:
+            self.longest_m, self.longest, self.scans, self.beams = longest_m, 0, 0, set()
+        if longest_m == self.longest_m > 0.0:
+            these = np.flatnonzero(returned & (ranges_m == longest_m))
+            self.longest += len(these)
+            self.scans += 1
+            self.beams.update(these.tolist())
+        self.readings += len(ranges_m)
         self.stated_m = max(self.stated_m, scan.range_max_m)
         self.has_misses |= bool((ranges_m >= scan.range_max_m).any())
+
+    @property
+    def has_code(self) -> bool:
+        """Whether the longest return is a code of no return."""
+        least = max(_CODE_SHARE * self.readings, _CODE_READINGS)
+        beams = max(_CODE_BEAMS, _CODE_TURNS * self.longest / max(self.scans, 1))
+        return self.longest >= least and len(self.beams) >= beams
 
     @property
     def is_short(self) -> bool:
@@ -37,13 +65,15 @@ class _Seen:
 
 
 def with_reach(log: Log) -> Log:
-    """The log, with the longest return as range_max of lidars that state far more and have beams
-    without a return: how far those were free is not known, and walls would stand in free space.
+    """The log, with NaN in place of a code of no return below range_max, and with the longest
+    return as range_max of lidars that state far more and have beams without a return: how far those
+    were free is not known, and walls would stand in free space.
     """
-    lidars: dict[str, _Seen] = {}
-    for entry in log.entries:
-        if entry.scan is not None:
-            lidars.setdefault(entry.scan.frame_id, _Seen()).add(entry.scan)
+    coded = {frame: seen.longest_m for frame, seen in _lidars(log).items() if seen.has_code}
+    if coded:
+        entries = [_without_code(entry, coded) for entry in log.entries]
+        log = replace(log, entries=entries, codes_m=tuple(coded.values()))
+    lidars = _lidars(log)
     short = {frame: seen for frame, seen in lidars.items() if seen.is_short}
     return replace(
         log,
@@ -51,6 +81,23 @@ def with_reach(log: Log) -> Log:
         reaches=tuple(Reach(seen.longest_m, f"{seen.stated_m:g}") for seen in short.values()),
         no_returns=_no_returns(log, lidars.values()),
     )
+
+
+def _lidars(log: Log) -> dict[str, _Seen]:
+    """What was seen, by the frame of each lidar."""
+    lidars: dict[str, _Seen] = {}
+    for entry in log.entries:
+        if entry.scan is not None:
+            lidars.setdefault(entry.scan.frame_id, _Seen()).add(entry.scan)
+    return lidars
+
+
+def _without_code(entry: Entry, coded: Mapping[str, float]) -> Entry:
+    if entry.scan is None or entry.scan.frame_id not in coded:
+        return entry
+    ranges_m = entry.scan.ranges_m
+    measured = np.where(ranges_m == coded[entry.scan.frame_id], np.float32(np.nan), ranges_m)
+    return replace(entry, scan=replace(entry.scan, ranges_m=measured))
 
 
 def _no_returns(log: Log, lidars: Iterable[_Seen]) -> str:

@@ -21,6 +21,7 @@ from mazebot.cli.logs.options import (
     RangeMin,
     ScanTopic,
     scan_form,
+    warn_of_guess,
     warn_of_place,
 )
 from mazebot.cli.logs.read import read_log
@@ -94,6 +95,7 @@ def build(
     slam_params = _params(params)
     say_first(f"reading {log_file}", as_json)
     log = read_log(log_file, form, Topics(scan_topic, odom_topic))
+    warn_of_guess(log_file, log)
     if base_from_scan is None:
         warn_of_place(log_file, log)
     if log.no_returns:
