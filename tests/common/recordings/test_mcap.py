@@ -15,9 +15,9 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import ConnectionExtRosbag2, QosDurability
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from mazebot.cli.bags.mcap_bag import McapBag
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages import topics as table
-from mazebot.cli.bags.mcap_bag import McapBag
 from mazebot.common.messages import wire
 from mazebot.common.messages.documents import Document
 from mazebot.common.messages.topics import (
