@@ -133,7 +133,7 @@ def test_a_run_that_makes_a_map_keeps_it_and_is_judged(tmp_path: Path) -> None:
     kept = read_map(folder / "map.yaml")
     assert kept.origin == SE2(-2.6, -3.1, 0.0)
     assert np.array_equal(kept.cells, msg.cells_from_grid(grid(9.0, kept.origin, 110)))
-    (marker,) = read_markers(folder / "markers.yaml", world.walls)
+    (marker,) = read_markers(folder / "markers.yaml", world.walls).markers
     assert marker.position_m == pytest.approx((1.92, 0.02, 0.3))
     text = (folder / "pose_graph.json").read_text()
     assert PoseGraph.model_validate_json(text) == graph(world, 2)

@@ -116,4 +116,4 @@ def test_where_the_robot_makes_the_map_its_pose_graph_is_saved_too(
     names = ("made.yaml", "made.pgm", "made.pose_graph.json", "made.markers.yaml")
     assert reply.files == tuple(str(folder / name) for name in names)
     assert len(load_graph(folder / "made.pose_graph.json").nodes) == 2
-    assert len(read_markers(folder / "made.markers.yaml", ())) == 1
+    assert len(read_markers(folder / "made.markers.yaml", ()).markers) == 1

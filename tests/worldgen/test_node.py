@@ -395,10 +395,13 @@ def test_markers_of_a_recipe_hang_where_the_world_hangs_them(tmp_path: Path) -> 
     [
         ("markers: 3", "markers: 3: must be a list of markers"),
         ("markers: [5]", "markers[0]: 5: must be a mapping"),
-        ("markers: [{id: -1, dictionary: d, position_m: [0, 0, 0], "
+        ("markers: [{id: -1, dictionary: DICT_4X4_50, position_m: [0, 0, 0], "
          "orientation_xyzw: [0, 0, 0, 1]}]", "markers[0].id: -1"),
-        ("markers: [{id: 1, dictionary: d, position_m: [0, .nan, 0], "
+        ("markers: [{id: 1, dictionary: DICT_4X4_50, position_m: [0, .nan, 0], "
          "orientation_xyzw: [0, 0, 0, 1]}]", "markers[0].position_m[1]: nan"),
+        # The map is 0.3 m by 0.2 m.
+        ("markers: [{id: 1, dictionary: DICT_4X4_50, position_m: [12, 0, 0], "
+         "orientation_xyzw: [0, 0, 0, 1]}]", "markers[0].position_m: [12.0, 0.0, 0.0]: must be met"),
         ("markers: [{id: 1, wall: nowhere, side: left, height_m: 1.0}]",
          "markers[0].wall: 'nowhere': must be a wall of the world"),
     ],

@@ -37,7 +37,7 @@ from mazebot.common.problems import WorldError
 from mazebot.common.ros.map_exchange import MapDataError, map_of_document
 from mazebot.common.world.assets import asset_message
 from mazebot.common.world.map_files import MapFile, read_map
-from mazebot.common.world.marker_file import marker_file_of, read_markers
+from mazebot.common.world.marker_file import MarkerFile, marker_file_of, read_markers
 from mazebot.worldgen.config import WorldgenConfig
 from mazebot.worldgen.map.unseen import unseen_areas
 from mazebot.worldgen.models.model_reading import entity_of
@@ -171,10 +171,13 @@ class WorldgenNode(Node):
         self,
         loaded: LoadedWorld,
         request: WorldRequest,
-        markers: tuple[MappedMarker, ...] | None,
+        beside_map: MarkerFile | None,
         outbox: Outbox,
     ) -> None:
-        self._running, self._mode, self._mapped_markers = loaded, request, markers
+        self._running, self._mode = loaded, request
+        self._mapped_markers = None if beside_map is None else beside_map.markers
+        for warning in () if beside_map is None else beside_map.warnings:
+            _log.warning("%s", warning)
         self.world_hash = loaded.world.hash
         self._publish(loaded, outbox)
 
@@ -220,11 +223,14 @@ class WorldgenNode(Node):
             locations=() if world is None else world.locations,
         )
 
-    def _markers_beside_map(self, loaded: LoadedWorld) -> tuple[MappedMarker, ...] | None:
+    def _markers_beside_map(self, loaded: LoadedWorld) -> MarkerFile | None:
         """Raises WorldError where they cannot be read."""
         map_file = self._config.map_file
         path = None if map_file is None else marker_file_of(map_file)
-        return None if path is None else read_markers(path, loaded.world.walls)
+        if path is None:
+            return None
+        world = loaded.world
+        return read_markers(path, world.walls, dictionaries=world.dictionaries, chart=self._map)
 
     def _load_map(self, wanted: LoadMap, outbox: Outbox) -> LoadMapReply:
         """Publish a map in place of the world's own."""

@@ -51,12 +51,25 @@ def identity_problem(marker: Marker, dictionary: cv2.aruco.Dictionary | None = N
     Here and below `dictionary` is the dictionary that the marker names, if it is not one of
     OpenCV's.
     """
-    if dictionary is None and marker.dictionary not in _DICTIONARIES:
-        return f"dictionary: {marker.dictionary!r:.60}: must be one of {', '.join(_DICTIONARIES)}"
-    count = marker_count(marker.dictionary, dictionary)
-    if marker.id >= count:
-        return f"id: {marker.id}: must be less than {count} in {marker.dictionary}"
-    return ""
+    found = identity_mistake(marker.dictionary, marker.id, dictionary)
+    if found is None:
+        return ""
+    field, value, must = found
+    return f"{field}: {value!r:.60}: {must}"
+
+
+def identity_mistake(
+    name: str, marker_id: int, dictionary: cv2.aruco.Dictionary | None = None
+) -> tuple[str, str | int, str] | None:
+    """Why a dictionary of this name has no marker of this id: the field that is wrong,
+    `dictionary` or `id`, its value, and what it must be; None where it has.
+    """
+    if dictionary is None and name not in _DICTIONARIES:
+        return "dictionary", name, f"must be one of {', '.join(_DICTIONARIES)}"
+    count = marker_count(name, dictionary)
+    if marker_id >= count:
+        return "id", marker_id, f"must be less than {count} in {name}"
+    return None
 
 
 def marker_count(name: str, dictionary: cv2.aruco.Dictionary | None = None) -> int:
