@@ -5,8 +5,16 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pytest
 
-from mazebot.common.maths.frames import SE2
+from mazebot.common.maths.frames import (
+    LINK_FROM_OPTICAL,
+    SE2,
+    Array,
+    position_and_quaternion,
+    quaternion_from_rotation,
+    transform_matrix,
+)
 from mazebot.common.messages import action_documents as act
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.documents import Entities, MappedMarker, World
@@ -48,7 +56,8 @@ class Bench:
         self._sequence += 1
         self.inbox.deliver(topic, message, Envelope("test", self._sequence, 0, ""))
 
-    def run(self, steps: int = 20) -> None:
+    def run(self, steps: int = 20, camera_from_marker: Array | None = None) -> None:
+        """Stand; with a marker 60 there, each second a picture with it."""
         loaded = house()
         self.hear(WORLD, self.world)
         self.hear(MAP, msg.occupancy_grid(0, 0.05, loaded.map_origin, loaded.map_cells))
@@ -60,6 +69,8 @@ class Bench:
             self.hear(ODOM, odometry(now_ns, IDENTITY, STOP))
             exact_m = cast(START @ BASE_FROM_SCAN, wall_segments())
             self.hear(SCAN, scan(now_ns, as_ranges(exact_m, rng)))
+            if camera_from_marker is not None and step % 20 == 0:
+                self.hear(DETECTIONS, picture(now_ns, camera_from_marker))
             self.outbox.now_ns = now_ns
             self.node.step(now_ns, self.inbox, self.outbox)
 
@@ -69,6 +80,20 @@ class Bench:
         header = msg.header(20 * STEP_NS, "camera_rgb_optical_frame")
         self.hear(DETECTIONS, msg.Detection3DArray(header, seen))
         self.node.step(21 * STEP_NS, self.inbox, self.outbox)
+
+
+def picture(now_ns: int, camera_from_marker: Array) -> msg.Detection3DArray:
+    """Marker 60, seen sharply."""
+    x, y, z = camera_from_marker[:3, 3].tolist()
+    turn = msg.Quaternion(*quaternion_from_rotation(camera_from_marker[:3, :3]))
+    pose = msg.Pose(msg.Point(x, y, z), turn)
+    covariance = (np.diag([0.01, 0.01, 0.02, 0.1, 0.1, 0.1]) ** 2).reshape(36)
+    found = msg.ObjectHypothesisWithPose(
+        msg.ObjectHypothesis("60", 1.0), msg.PoseWithCovariance(pose, covariance)
+    )
+    header = msg.header(now_ns, "camera_rgb_optical_frame")
+    box = msg.BoundingBox3D(pose, msg.Vector3(0.3, 0.3, 0.0))
+    return msg.Detection3DArray(header, [msg.Detection3D(header, [found], box, "60")])
 
 
 MARKERS = (SAMPLES[ENTITIES].entities[0],)
@@ -99,6 +124,40 @@ def test_the_markers_of_a_map_take_the_place_of_those_that_hang() -> None:
         bench.see()
         rejected = bench.inbox.counts[DETECTIONS.name].rejected
         assert rejected["unknown marker"] == unknown, mapped
+
+
+def test_of_two_markers_of_one_id_neither_is_used_whatever_their_dictionaries(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    one = MappedMarker(
+        dictionary="DICT_4X4_100", marker_id=60, position_m=(1.0, 0.0, 0.3),
+        orientation_xyzw=(0.5, 0.5, 0.5, 0.5),
+    )  # fmt: skip
+    other = one.model_copy(update={"dictionary": "DICT_APRILTAG_36h11", "position_m": (2, 0, 0)})
+    bench = Bench(mapped_markers=(one, other))
+    bench.run()
+    bench.see()
+    assert "marker 60 is in two places: ignored" in caplog.messages
+    assert bench.inbox.counts[DETECTIONS.name].rejected["unknown marker"] == 1
+
+
+def test_a_marker_that_is_mapped_elsewhere_than_it_hangs_is_one_warning(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    # 1.2 m ahead of the camera, and facing it.
+    camera_from_marker = transform_matrix(np.diag([1.0, -1.0, -1.0]), (0.0, 0.0, 1.2))
+    base_from_camera = transform_matrix(np.eye(3), (0.07, 0.0, 0.11)) @ LINK_FROM_OPTICAL
+    hung = START.matrix() @ base_from_camera @ camera_from_marker
+    (x, y, z), turn = position_and_quaternion(hung)
+    mapped = MappedMarker(
+        dictionary="DICT_4X4_100", marker_id=60, position_m=(x, y + 0.4, z), orientation_xyzw=turn
+    )
+    bench = Bench(mapped_markers=(mapped,))
+    bench.run(160, camera_from_marker)
+    (line,) = [line for line in caplog.messages if "marker" in line]
+    assert line.startswith(
+        "marker 60 is mapped at (1.27 0.40), facing 180 degrees but seen at (1.2"
+    )
 
 
 def test_settings_that_leave_nothing_of_the_scans_are_a_warning() -> None:

@@ -401,7 +401,7 @@ def test_markers_of_a_recipe_hang_where_the_world_hangs_them(tmp_path: Path) -> 
          "orientation_xyzw: [0, 0, 0, 1]}]", "markers[0].position_m[1]: nan"),
         # The map is 0.3 m by 0.2 m.
         ("markers: [{id: 1, dictionary: DICT_4X4_50, position_m: [12, 0, 0], "
-         "orientation_xyzw: [0, 0, 0, 1]}]", "markers[0].position_m: [12.0, 0.0, 0.0]: must be met"),
+         "orientation_xyzw: [0, 0, 0, 1]}]", "markers[0].position_m: [12.0, 0.0, 0.0]: must be"),
         ("markers: [{id: 1, wall: nowhere, side: left, height_m: 1.0}]",
          "markers[0].wall: 'nowhere': must be a wall of the world"),
     ],

@@ -76,9 +76,10 @@ from mazebot.localization.marker_model import (
     mixture_likelihood,
     sightings,
 )
+from mazebot.localization.marker_trust import MarkerKey, MarkerTrust, marker_key
 from mazebot.localization.params import LocalizationParams
 from mazebot.localization.particle_set import ParticleSet
-from mazebot.localization.pose_monitor import PoseMonitor
+from mazebot.localization.pose_monitor import PoseMonitor, is_far
 
 __all__ = ["Localization", "LocalizationParams", "LocalizationState", "MarkerCandidate"]
 
@@ -111,7 +112,7 @@ _ALL_EXPLAINED = 0.8
 _VERDICT_SCANS = 5
 """Scans by which an initial pose is confirmed or doubted: the particles need some to converge."""
 _NEAR_RIVAL, _NEAR_M = 2.0, 1.0
-"""The same for one as near as this: of the whole map's many poses, few are."""
+"""The same for one as near as this, or that a marker shows: of the whole map, few poses are."""
 _SPREAD_OUT_M = 3.0
 """From this standard deviation on, and where no scan narrows it, the pose is lost."""
 _BORDER_M, _SIGMAS = 0.3, 3.0
@@ -119,6 +120,15 @@ _BORDER_M, _SIGMAS = 0.3, 3.0
 _UNMAPPED_SHARE = 0.5
 _UNMAPPED_STD_M = 1.0
 """Where most of what is seen is not mapped, the pose is lost from this spread on."""
+_SAME_VARIANCES = (0.0009, 0.0009, 0.0009)
+"""Of x, y and yaw of a pose that the walls draw to the estimate: 3 cm, 0.03 rad."""
+_AS_GOOD = 0.05
+"""Difference of quality below which a scan fits two poses as well."""
+
+_Standing = Literal["agrees", "here", "elsewhere", "open"]
+"""Of a marker's sighting: it agrees with the estimate; it does not, and scans decide for the
+estimate, or for where the marker has the robot, or not.
+"""
 
 
 class _Given(NamedTuple):
@@ -228,7 +238,8 @@ class Localization:
         """The initial pose until there is a verdict on it."""
         self._match_fast = 1.0
         self._last_scan: tuple[int, SE2] | None = None
-        self._last_marker: dict[tuple[float, ...], tuple[int, SE2]] = {}
+        self._last_marker: dict[MarkerKey, tuple[int, SE2]] = {}
+        self._markers = MarkerTrust()
         self._view: tuple[SE2, ScanView] | None = None
         """The last scan, and the odometry at its time."""
         self._unused_since_ns: int | None = None
@@ -290,6 +301,13 @@ class Localization:
         """
         return self._match_fast
 
+    @property
+    def misplaced(self) -> dict[MarkerKey, Array]:
+        """The markers that are not used, because the scans fit poses that they contradict: by their
+        place in the map, where each was seen, map_from_marker (4, 4).
+        """
+        return self._markers.misplaced
+
     def hypotheses(self) -> Array:
         """(k, 4) poses x, y, yaw in the map at the last update and their weights, the heaviest
         first: those being weighed, or the particles' clusters.
@@ -328,6 +346,8 @@ class Localization:
         `reinitialize_global_localization`.
         """
         self._known = False
+        # It was by this pose that they were judged.
+        self._markers = MarkerTrust()
         self._search("searching", "global localization requested")
 
     def odometry(self, stamp_ns: int, odom_from_base: SE2) -> None:
@@ -407,8 +427,9 @@ class Localization:
         The candidates are the solutions of one sighting, of which at most one is right: the filter
         uses them as a mixture, with a probability that none is right. Two sightings that contradict
         the pose and agree on another one, at which the scan fits as well, make the robot lost: the
-        poses that they give are among those weighed then. True if the sighting was used; one of a
-        robot at rest is left out as a scan is.
+        poses that they give are among those weighed then. One that contradicts the pose where the
+        scan decides for that is left out, and after three of them the marker is: see `misplaced`.
+        True if the sighting was used; one of a robot at rest is left out as a scan is.
         """
         odom_from_base = self._history.at(stamp_ns)
         if odom_from_base is None or not self._is_begun:
@@ -418,12 +439,17 @@ class Localization:
         seen = sightings(map_from_marker, candidates, base_from_camera_optical, self._marker_noise)
         if not seen:
             return False
-        if self._hypotheses is None and self._is_refuted(stamp_ns, odom_from_base, seen):
+        key = marker_key(map_from_marker)
+        standing = self._standing(stamp_ns, odom_from_base, key, seen)
+        if standing == "elsewhere":
             self._give_up("two marker detections contradict the pose")
-        key = tuple(float(value) for value in map_from_marker[:3, 3])
         if not self._is_due(self._last_marker.get(key), stamp_ns, odom_from_base):
             return False
         self._last_marker[key] = (stamp_ns, odom_from_base)
+        if standing != "open" and self._hypotheses is None:
+            self._note_trust(key, standing, odom_from_base, candidates, base_from_camera_optical)
+        if standing == "here" or self._markers.is_misplaced(key):
+            return False
         if self._hypotheses is not None:
             return self._weigh_marker(
                 self._hypotheses, stamp_ns, odom_from_base, map_from_marker, seen
@@ -729,17 +755,35 @@ class Localization:
         advantage = (against + hidden + others).max(initial=max(0.0, on_no_map))
         return self._monitor.outweighs(odom_from_base, BEAM_WEIGHT * float(advantage))
 
-    def _is_refuted(self, stamp_ns: int, odom_from_base: SE2, seen: Sequence[Sighting]) -> bool:
-        """Whether markers show another pose than the estimate, and the last scan fits it."""
+    def _standing(
+        self, stamp_ns: int, odom_from_base: SE2, key: MarkerKey, seen: Sequence[Sighting]
+    ) -> _Standing:
+        """What a marker's sighting says of the estimate, and the last scan of both."""
+        if self._hypotheses is not None:
+            return "open"
         assert self._odom_from_base is not None
-        before_from_then = self._odom_from_base.inverse() @ odom_from_base
-        pose = self._set.pose @ before_from_then
+        pose = self._set.pose @ (self._odom_from_base.inverse() @ odom_from_base)
         covariance = self._set.covariance + self._raster_covariance
-        if not self._monitor.contradicts(stamp_ns, seen, pose, covariance, odom_from_base):
-            return False
+        is_misplaced = self._markers.is_misplaced(key)
+        if not is_far(seen, pose, covariance):
+            if not is_misplaced:
+                self._monitor.agree()
+            return "agrees"
+        fits = self._fitting(odom_from_base, pose, covariance, seen)
+        if is_misplaced:
+            return "here" if fits == "here" else "open"
+        if self._monitor.contradict(stamp_ns, seen, odom_from_base) and fits == "elsewhere":
+            return "elsewhere"
+        return "here" if fits == "here" else "open"
+
+    def _fitting(
+        self, odom_from_base: SE2, pose: SE2, covariance: Array, seen: Sequence[Sighting]
+    ) -> _Standing:
+        """Whether the last scan fits where a marker's sighting has the robot, or the estimate."""
         if self._view is None:
-            return True
+            return "elsewhere"
         then_from_scan_base = odom_from_base.inverse() @ self._view[0]
+        mine = pose @ then_from_scan_base
         others = np.array([s.map_from_base @ then_from_scan_base for s in seen])
         view = self._view[1]
         # The marker's own error would let the scan fail there: it may draw the pose to the walls.
@@ -747,11 +791,40 @@ class Localization:
             self._field, others, view.points_m, prior_std_m=0.2, prior_std_rad=0.1,
             return_std_m=0.2,
         )  # fmt: skip
-        counts, _ = judge(self._rays, others, view)
-        best = float(qualities(counts, self._params.dynamic_share).max())
-        mine, _ = judge(self._rays, np.array([pose @ then_from_scan_base]), view)
-        own = float(qualities(mine, self._params.dynamic_share)[0])
-        return best >= own - 0.05
+        poses = np.concatenate([np.array([mine]), others])
+        counts, likelihoods = judge(self._rays, poses, view)
+        quality = qualities(counts, self._params.dynamic_share)
+        as_good = quality >= quality[0] - _AS_GOOD
+        as_good &= BEAM_WEIGHT * (likelihoods[0] - likelihoods) <= _NEAR_RIVAL
+        # A pose that the walls draw to the estimate is no other one.
+        same = covariance + np.diag(_SAME_VARIANCES)
+        away = [pf.squared_mahalanobis(SE2(*p), mine, same) > GATE for p in poses.tolist()]
+        if bool(as_good[away].any()):
+            return "elsewhere"
+        is_best = quality[0] >= max(CERTAIN_QUALITY, float(quality.max()) - _AS_GOOD)
+        return "here" if is_best and self._state == "localized" else "open"
+
+    def _note_trust(
+        self,
+        key: MarkerKey,
+        standing: _Standing,
+        odom_from_base: SE2,
+        candidates: Sequence[MarkerCandidate],
+        base_from_camera: Array,
+    ) -> None:
+        """Count what a sighting says of its marker."""
+        assert self._odom_from_base is not None
+        pose = self._set.pose @ (self._odom_from_base.inverse() @ odom_from_base)
+        if standing == "here":
+            self._markers.contradicted(key, pose, candidates, base_from_camera)
+            return
+        seen_at = self._markers.seen_at(key)
+        if seen_at is None:
+            return
+        there = sightings(seen_at, candidates, base_from_camera, self._marker_noise)
+        # From afar both places agree.
+        if is_far(there, pose, self._set.covariance + self._raster_covariance):
+            self._markers.confirmed(key)
 
     def _predict(self, stamp_ns: int, odom_from_base: SE2) -> None:
         assert self._stamp_ns is not None

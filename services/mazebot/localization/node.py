@@ -5,6 +5,7 @@ that uses topics.
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Sequence
 from typing import ClassVar
 
@@ -66,6 +67,7 @@ from mazebot.common.robot.wheel_slip import WheelSlip, log_slip
 from mazebot.common.world.costmap import MAX_MAP_CELLS
 from mazebot.localization.config import STEP_PERIOD_NS, LocalizationConfig
 from mazebot.localization.kernels import compile_kernels
+from mazebot.localization.marker_trust import marker_key
 from mazebot.localization.messages import cloud_message, unseen_cells
 from mazebot.localization.monte_carlo import Localization, LocalizationState
 
@@ -92,7 +94,9 @@ class LocalizationNode(Node):
         self._world: World | None = None
         self._map: msg.OccupancyGrid | None = None
         self._entities: Entities | None = None
-        self._markers: dict[tuple[str, int], Array] = {}
+        self._markers: dict[int, Array] = {}
+        self._misplaced: set[int] = set()
+        """Ids of those that the scans contradict."""
         self._static_frames = FrameTree()
         self._base_from: dict[str, Array] = {}
         self._localization: Localization | None = None
@@ -221,13 +225,13 @@ class LocalizationNode(Node):
             return
         doubled = set()
         for entity in known:
-            key = (entity.dictionary, entity.marker_id)
-            if key in self._markers:
-                doubled.add(key)
-            self._markers[key] = pose_matrix(entity)
-        for key in sorted(doubled):
-            _LOG.warning("marker %d of %s is in two places: ignored", key[1], key[0])
-            del self._markers[key]
+            # Detections tell the id alone.
+            if entity.marker_id in self._markers:
+                doubled.add(entity.marker_id)
+            self._markers[entity.marker_id] = pose_matrix(entity)
+        for marker_id in sorted(doubled):
+            _LOG.warning("marker %d is in two places: ignored", marker_id)
+            del self._markers[marker_id]
 
     def _reset(self) -> None:
         """Drop all measurements; the filter restarts at the start pose."""
@@ -236,6 +240,7 @@ class LocalizationNode(Node):
         self._scanned = self._started = False
         self._schedule.clear()
         self._localization = None
+        self._misplaced.clear()
         if self._map is None or self._world is None or self._is_off():
             return
         cells = np.array(msg.cells_from_grid(self._map), np.int8)
@@ -385,17 +390,35 @@ class LocalizationNode(Node):
                 inbox.reject(DETECTIONS, "unknown marker")
                 continue
             localization.marker(stamp_ns, entry, marker_candidates(detection), camera)
+        self._tell_misplaced(localization)
 
     def _marker_of(self, detection: msg.Detection3D) -> Array | None:
         """map_from_marker of a detection; None if it is not one of the world's markers."""
         if not detection.results:
             return None
         try:
-            marker_id = int(detection.results[0].hypothesis.class_id)
+            return self._markers.get(int(detection.results[0].hypothesis.class_id))
         except ValueError:
             return None
-        found = [matrix for (_, known_id), matrix in self._markers.items() if known_id == marker_id]
-        return found[0] if len(found) == 1 else None
+
+    def _tell_misplaced(self, localization: Localization) -> None:
+        """Warn of each marker that is not used any longer, and say which one is again."""
+        seen_at = localization.misplaced
+        for marker_id, map_from_marker in self._markers.items():
+            seen = seen_at.get(marker_key(map_from_marker))
+            if (seen is None) == (marker_id not in self._misplaced):
+                continue
+            mapped = _place_of(map_from_marker)
+            if seen is None:
+                self._misplaced.remove(marker_id)
+                _LOG.info("marker %d is seen at %s, as mapped: used again", marker_id, mapped)
+                continue
+            self._misplaced.add(marker_id)
+            _LOG.warning(
+                "marker %d is mapped at %s but seen at %s, and the scans agree with that: not "
+                "used until it is seen where it is mapped",
+                marker_id, mapped, _place_of(seen),
+            )  # fmt: skip
 
     def _reinitialize(self, inbox: Inbox) -> None:
         """Answer the requests for global localisation."""
@@ -468,3 +491,10 @@ class LocalizationNode(Node):
             map_from_base=Planar.of(pose),
             covariance=tuple(PlanarCovariance.from_matrix(covariance)),
         )
+
+
+def _place_of(map_from_marker: Array) -> str:
+    """`(1.20 -0.35), facing 90 degrees`."""
+    heading_rad = portable.atan2(float(map_from_marker[1, 2]), float(map_from_marker[0, 2]))
+    x_m, y_m = map_from_marker[:2, 3].tolist()
+    return f"({x_m:.2f} {y_m:.2f}), facing {round(math.degrees(heading_rad)) % 360} degrees"

@@ -116,20 +116,14 @@ class PoseMonitor:
             self._weighed_at = odom_from_base
         return self._advantage >= _CARRIED
 
-    def contradicts(
-        self,
-        stamp_ns: int,
-        seen: Sequence[Sighting],
-        map_from_base: SE2,
-        covariance: Array,
-        odom_from_base: SE2,
-    ) -> bool:
-        """Whether a marker's sighting is far from the pose, and the one before it was, too, and
-        both agree on another pose.
+    def agree(self) -> None:
+        """Take note that a marker's sighting agrees with the pose."""
+        self._strike = None
+
+    def contradict(self, stamp_ns: int, seen: Sequence[Sighting], odom_from_base: SE2) -> bool:
+        """Whether a marker's sighting that is far from the pose has one before it that was, too,
+        and both agree on another pose.
         """
-        if any(_squared_distance(s, map_from_base, covariance) <= GATE for s in seen):
-            self._strike = None
-            return False
         base_from_odom = odom_from_base.inverse()
         strike = _Strike(stamp_ns, [s.map_from_base @ base_from_odom for s in seen])
         last, self._strike = self._strike, strike
@@ -141,6 +135,11 @@ class PoseMonitor:
             for one in last.poses_in_odom
             for other in strike.poses_in_odom
         )
+
+
+def is_far(seen: Sequence[Sighting], map_from_base: SE2, covariance: Array) -> bool:
+    """Whether no candidate of a sighting may be seen from a pose, by its (3, 3) covariance."""
+    return all(_squared_distance(s, map_from_base, covariance) > GATE for s in seen)
 
 
 def _squared_distance(sighting: Sighting, map_from_base: SE2, covariance: Array) -> float:
@@ -159,5 +158,10 @@ def _squared_distance(sighting: Sighting, map_from_base: SE2, covariance: Array)
     across = c * s * (xx - yy) + (c * c - s * s) * xy
     total[0, 1] += across
     total[1, 0] += across
+    east, north = turn_2 * (s * arm_y - c * arm_x), -turn_2 * (s * arm_x + c * arm_y)
+    total[0, 2] += east
+    total[2, 0] += east
+    total[1, 2] += north
+    total[2, 1] += north
     total[2, 2] += turn_2
     return pf.squared_mahalanobis(sighting.map_from_base, map_from_base, total)
