@@ -29,6 +29,7 @@ from mazebot.common.messages.documents import (
     Entities,
     LocalizationStatus,
     Location,
+    MappedMarker,
     NavigationStatus,
     Planar,
     StopCause,
@@ -178,6 +179,34 @@ def test_the_nearest_marker_is_docked_at(robot: Robot) -> None:
         told.result(DEADLINE_S)
     assert isinstance(robot.sent[-1].goal, act.DockRobot)
     assert robot.sent[-1].goal.dock_id in {marker.name for marker in ENTITIES.markers}
+
+
+def test_the_nearest_marker_is_the_one_that_is_nearest_on_the_robots_map(robot: Robot) -> None:
+    (marker,) = ENTITIES.markers
+    here = np.array(marker.position_m)
+    far = marker.model_copy(update={"name": "far", "marker_id": 9, "position_m": tuple(here + 9)})
+    robot.entities = ENTITIES.model_copy(update={"entities": (marker, far)})
+    fields = set(MappedMarker.model_fields)
+    # The one that hangs far away is near on the map, and the other way round.
+    mapped = tuple(
+        MappedMarker.model_validate({**one.model_dump(include=fields), "position_m": at})
+        for one, at in ((marker, far.position_m), (far, marker.position_m))
+    )
+    world_of_map = world().model_copy(update={"mapped_markers": mapped})
+    robot.put(WORLD, world_of_map)
+
+    def tell_pose() -> None:
+        while not robot.came.wait(0.05):
+            robot.put(AMCL_POSE, SAMPLES[AMCL_POSE])
+
+    with ThreadPoolExecutor() as pool:
+        told = pool.submit(tell_pose)
+        assert run(robot, "dock").returncode == 0
+        told.result(DEADLINE_S)
+    assert isinstance(robot.sent[-1].goal, act.DockRobot)
+    assert robot.sent[-1].goal.dock_id == "far"
+    robot.put(WORLD, world_of_map.model_copy(update={"mapped_markers": ()}))
+    assert_one_line(run(robot, "dock"), "the robot knows no marker", "not among the markers")
 
 
 def test_a_refusal_has_its_code_and_the_nearest_free_pose(robot: Robot) -> None:

@@ -90,6 +90,7 @@ from mazebot.common.node.node import Inbox, Node, Outbox, random_generator
 from mazebot.common.node.schedule import Schedule
 from mazebot.common.node.simulation_watch import SimulationWatch
 from mazebot.common.robot.frozen_scans import FROZEN
+from mazebot.common.robot.known_markers import known_markers
 from mazebot.common.ros.parameters import parameter_event
 from mazebot.common.world.costmap import MAX_MAP_CELLS, Cells, straightened
 from mazebot.navigation.behavior.actions import (
@@ -420,17 +421,18 @@ class NavigationNode(Node):
         self._update_docks()
 
     def _update_docks(self) -> None:
-        """Each marker of the world is a dock, by its id and by its name."""
+        """Each marker that the robot knows is a dock, by its id and by its name."""
         if self._drive is None or self._entities is None or self._world is None:
             return
-        if self._world.slam or self._entities.world_hash != self._world.hash:
-            # With slam, their poses are not known.
-            self._drive.robot.docks.learn((), None)
+        docks = self._drive.robot.docks
+        if self._entities.world_hash != self._world.hash:
+            docks.learn((), None)
             return
         view = None
         if self._camera is not None and self._base_from_camera is not None:
             view = camera_view(self._camera, self._base_from_camera)
-        self._drive.robot.docks.learn(self._entities.markers, view)
+        known = known_markers(self._world, self._entities.markers)
+        docks.learn(known.known, view, known.unknown)
 
     def _reset(self, now_ns: int, reason: str) -> None:
         """Abort the task, and drop all measurements and what was made of them."""

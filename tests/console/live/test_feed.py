@@ -167,6 +167,18 @@ def test_a_marker_faces_where_its_panel_does() -> None:
     assert drawn["heading_rad"] == pytest.approx(0.0)
 
 
+def test_docks_are_the_markers_that_the_robot_knows() -> None:
+    entities, world = SAMPLES[tp.ENTITIES], SAMPLES[tp.WORLD]
+    assert entities.world_hash == world.hash
+    names = [marker.name for marker in entities.markers]
+    view = View()
+    assert content(view.frames([(tp.ENTITIES, entities)]), "entities")["docks"] == []
+    for update, docks in (({}, names), ({"mapped_markers": ()}, []), ({"slam": True}, [])):
+        drawn = content(view.frames([(tp.WORLD, world.model_copy(update=update))]), "entities")
+        assert drawn["docks"] == docks
+        assert len(drawn["markers"]) == len(names)
+
+
 def stats(epoch: int, time_s: float) -> SimulationStats:
     return SimulationStats(
         world_hash="0" * 16, sim_time_s=time_s, iterations=240, step_size_s=1 / 240,

@@ -102,7 +102,9 @@ def test_what_is_no_dock_is_refused_by_name_with_the_reason() -> None:
         with pytest.raises(NavigationError, match=reason) as caught:
             docks.by_name(name)
         assert caught.value.code is ErrorCode.DOCK_NOT_VALID
-    with pytest.raises(NavigationError, match="'7': the world has no marker to dock at") as unknown:
+    with pytest.raises(
+        NavigationError, match="'7': there is no marker that the robot knows"
+    ) as unknown:
         docks.by_name("7")
     assert unknown.value.code is ErrorCode.DOCK_NOT_IN_DB
 

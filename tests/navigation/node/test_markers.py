@@ -16,8 +16,10 @@ from mazebot.common.messages import messages as msg
 from mazebot.common.messages.action_documents import DockRobot, SendGoal
 from mazebot.common.messages.documents import (
     Entities,
+    MappedMarker,
     MarkerEntity,
 )
+from mazebot.common.messages.error_codes import ErrorCode
 from mazebot.common.messages.topics import (
     ACTION_RESULT,
     CAMERA_INFO,
@@ -25,6 +27,7 @@ from mazebot.common.messages.topics import (
     ENTITIES,
     SEND_GOAL,
 )
+from mazebot.navigation.errors import NavigationError
 from tests.common.samples import SAMPLES
 from tests.navigation.driving import (
     NodeDriver,
@@ -134,6 +137,11 @@ def with_a_marker() -> NodeDriver:
     return driver
 
 
+def camera_info(focal_px: float = 554.4) -> msg.CameraInfo:
+    matrix = np.array([[focal_px, 0.0, 320.0], [0.0, focal_px, 240.0], [0.0, 0.0, 1.0]])
+    return replace(SAMPLES[CAMERA_INFO], width=640, height=480, k=matrix.reshape(9))
+
+
 def test_docks_are_where_the_newest_camera_sees_the_marker() -> None:
     driver = with_a_marker()
     goal = SendGoal(goal_id="dock", goal=DockRobot(dock_id="80"))
@@ -145,15 +153,53 @@ def test_docks_are_where_the_newest_camera_sees_the_marker() -> None:
     assert "dock '80': docking needs the camera" in blind.error_msg
     asked = []
     for focal_px in (554.4, 277.2):
-        matrix = np.array([[focal_px, 0.0, 320.0], [0.0, focal_px, 240.0], [0.0, 0.0, 1.0]])
-        info = replace(SAMPLES[CAMERA_INFO], width=640, height=480, k=matrix.reshape(9))
-        driver.deliver(CAMERA_INFO, info)
+        driver.deliver(CAMERA_INFO, camera_info(focal_px))
         driver.step()
         drive = driver.node._drive
         assert drive is not None
         asked.append(drive.robot.dock("80").marker_from_dock.x_m)
     # The camera is 0.07 m ahead; the panel reaches 0.39 m, the free picture 230.4 px above it.
     assert asked == pytest.approx([1.01, 0.54])
+
+
+def mapped(entity: MarkerEntity) -> MappedMarker:
+    return MappedMarker.model_validate(entity.model_dump(include=set(MappedMarker.model_fields)))
+
+
+def test_docks_are_those_of_the_robots_map_where_that_has_them() -> None:
+    hanging = (marker_entity("a", 80, -1.8, 0.427), marker_entity("b", 60, 1.5, 2.1))
+    entities = Entities(world_hash=house().world.hash, entities=hanging)
+    on_map = mapped(marker_entity("", 80, -0.8, 0.927))
+    gone = mapped(marker_entity("", 7, 0.0, 0.0))
+    unknown = {"b": "marker 60 of DICT_4X4_100 is not among the markers of the robot's map"}
+    for world, places, reasons in (
+        ({}, {"80": (-1.8, 0.427), "60": (1.5, 2.1)}, {"7": "must be one of 60, 80, a, b"}),
+        (
+            {"mapped_markers": (on_map, gone)},
+            {"80": (-0.8, 0.927), "a": (-0.8, 0.927)},
+            unknown | {"7": "which the robot's map has, is not in the world; must be one of 80, a"},
+        ),
+        ({"mapped_markers": ()}, {}, unknown | {"80": "there is no marker that the robot knows"}),
+        (
+            {"mapped_markers": (on_map, on_map)},
+            {},
+            {"a": "is in 2 places among the markers of the robot's map"},
+        ),
+        ({"slam": True}, {}, {"60": "with slam, the robot does not know where"}),
+    ):
+        driver = NodeDriver()
+        driver.learn(world=house().world.model_copy(update=world), entities=entities)
+        driver.deliver(CAMERA_INFO, camera_info())
+        driver.run(0.1)
+        drive = driver.node._drive
+        assert drive is not None
+        for name, place in places.items():
+            assert drive.robot.dock(name).map_from_marker[:2] == pytest.approx(place)
+            assert drive.robot.dock(name).side_m == pytest.approx(0.4)
+        for name, reason in reasons.items():
+            with pytest.raises(NavigationError, match=reason) as caught:
+                drive.robot.dock(name)
+            assert caught.value.code is ErrorCode.DOCK_NOT_IN_DB
 
 
 def test_a_marker_that_is_twice_in_a_picture_is_kept_twice_and_counted() -> None:

@@ -118,16 +118,25 @@ def _run(
 
 
 def _nearest_marker(robot: Robot) -> str:
-    """The name of the marker nearest to the robot. Raises ConfigError where there is none."""
-    from mazebot.common.client.subscription import first_message  # noqa: PLC0415
+    """The name of the marker nearest to the robot, in its map. Raises ConfigError where it knows
+    none.
+    """
+    from mazebot.common.client.subscription import (  # noqa: PLC0415
+        first_message,
+        running_world,
+    )
     from mazebot.common.maths.frames import pose_matrix  # noqa: PLC0415
     from mazebot.common.messages import messages as msg  # noqa: PLC0415
     from mazebot.common.messages.documents import GetEntities  # noqa: PLC0415
     from mazebot.common.messages.topics import AMCL_POSE, GET_ENTITIES  # noqa: PLC0415
+    from mazebot.common.robot.known_markers import known_markers  # noqa: PLC0415
 
-    markers = robot.ask(GET_ENTITIES, GetEntities(), 5.0).markers
-    if not markers:
+    hanging = robot.ask(GET_ENTITIES, GetEntities(), 5.0).markers
+    if not hanging:
         raise ConfigError("dock: the world has no markers")
+    markers, unknown = known_markers(running_world(robot, 5.0), hanging)
+    if not markers:
+        raise ConfigError(f"dock: the robot knows no marker: {next(iter(unknown.values()))}")
     at = msg.se2_from_pose(first_message(robot, AMCL_POSE, 5.0).pose.pose)
     far_m = {
         marker.name: math.dist(pose_matrix(marker)[:2, 3].tolist(), (at.x_m, at.y_m))

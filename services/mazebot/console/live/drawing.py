@@ -15,6 +15,7 @@ from mazebot.common.messages import documents as doc
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.scan import Mount
 from mazebot.common.messages.slam_documents import PoseGraph
+from mazebot.common.robot.known_markers import known_markers
 from mazebot.common.world.footprint import footprint, wall_corners
 from mazebot.console.live.frame import Frame, binary_frame, text_frame
 
@@ -48,8 +49,8 @@ def world_frame(world: doc.World) -> Frame:
     )
 
 
-def entities_frame(entities: doc.Entities) -> Frame:
-    """The bodies and markers that exist."""
+def entities_frame(entities: doc.Entities, world: doc.World | None) -> Frame:
+    """The bodies and markers that exist, and the names of those markers that are docks."""
     markers = []
     for marker in entities.markers:
         matrix = pose_matrix(marker)
@@ -62,8 +63,10 @@ def entities_frame(entities: doc.Entities) -> Frame:
             }
         )  # fmt: skip
     refused = [refusal.model_dump() for refusal in entities.refused]
+    docks = known_markers(world, entities.markers).known if world is not None else ()
     content = {
-        "bodies": [_body(body) for body in entities.bodies], "markers": markers, "refused": refused
+        "bodies": [_body(body) for body in entities.bodies], "markers": markers,
+        "docks": [marker.name for marker in docks], "refused": refused,
     }  # fmt: skip
     return text_frame("entities", content)
 

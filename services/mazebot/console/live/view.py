@@ -17,7 +17,7 @@ from mazebot.common.maths.frames import (
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages import topics as tp
 from mazebot.common.messages import wire
-from mazebot.common.messages.documents import Document, SimulationStats
+from mazebot.common.messages.documents import Document, Entities, SimulationStats, World
 from mazebot.common.messages.topics import Delivery, Topic
 from mazebot.console.live import drawing
 from mazebot.console.live.frame import Frame, text_frame
@@ -61,6 +61,8 @@ class View:
         """`history`: what is kept for pages that come late."""
         self._history = history or History()
         self._transforms: dict[str, msg.TransformStamped] = {}
+        self._world: World | None = None
+        self._entities: Entities | None = None
         self._truth: msg.Odometry | None = None
         self._estimate: msg.PoseWithCovarianceStamped | None = None
         self._command: msg.TwistStamped | None = None
@@ -72,9 +74,9 @@ class View:
         longer valid.
         """
         self._drawn: dict[str, Callable[[Any], list[Frame]]] = {
-            tp.WORLD.name: lambda world: [drawing.world_frame(world)],
+            tp.WORLD.name: self._take_world,
             tp.MAP.name: lambda grid: [drawing.grid_frame("map", grid, None)],
-            tp.ENTITIES.name: lambda entities: [drawing.entities_frame(entities)],
+            tp.ENTITIES.name: self._take_entities,
             tp.TF.name: self._take_frames,
             tp.TF_STATIC.name: self._take_frames,
             tp.SCAN.name: self._take_scan,
@@ -138,6 +140,17 @@ class View:
             self.restarted = True
             self._truth = self._estimate = self._command = self._scan = None
             self._history.clear()
+
+    def _take_world(self, world: World) -> list[Frame]:
+        self._world = world
+        standing = self._entities
+        again = [] if standing is None else self._take_entities(standing)
+        return [drawing.world_frame(world), *again]
+
+    def _take_entities(self, entities: Entities) -> list[Frame]:
+        self._entities, world = entities, self._world
+        of_this = world is not None and world.hash == entities.world_hash
+        return [drawing.entities_frame(entities, world if of_this else None)]
 
     def _costmap(self, kind: str) -> Callable[[Any], list[Frame]]:
         def draw(grid: msg.OccupancyGrid) -> list[Frame]:

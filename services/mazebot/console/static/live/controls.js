@@ -9,7 +9,7 @@ export class Controls {
   #hasTask = false;
   #isPaused = false;
   #things = 0;
-  #markers = 0;
+  #docks = 0;
   #isConnected = false;
 
   /** Take one frame in. */
@@ -30,7 +30,7 @@ export class Controls {
         this.#isPaused = false;
         break;
       case "entities":
-        this.#markers = content.markers.length;
+        this.#docks = content.docks.length;
         this.#things = content.bodies.length + content.markers.length;
         break;
       default:
@@ -55,8 +55,8 @@ export class Controls {
       "pause-task": runs && this.#hasTask && !this.#isPaused,
       "resume-task": runs && this.#hasTask && this.#isPaused,
       "drive-there": drives, undock: drives, spin: drives, "back-up": drives,
-      dock: drives && this.#markers > 0,
-      "dock-id": this.#markers > 0,
+      dock: drives && this.#docks > 0,
+      "dock-id": this.#docks > 0,
       "clear-costmaps": runs && this.#services.has("navigation"),
       "find-robot": runs && this.#services.has("localization"),
     };

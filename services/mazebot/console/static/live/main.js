@@ -74,7 +74,7 @@ function take(kind, content, data) {
   if (kind === "world") {
     fillPlaces(content.locations);
   } else if (kind === "entities") {
-    fillDocks(content.markers);
+    fillDocks(content.docks);
   }
   panels.take(kind, content);
   for (const part of parts) {
@@ -291,11 +291,11 @@ function fillPlaces(locations) {
   }
 }
 
-function fillDocks(markers) {
+function fillDocks(names) {
   const select = $("dock-id");
   const chosen = select.value;
-  select.replaceChildren(...markers.map((marker) => new Option(marker.name, marker.name)));
-  if (markers.some((marker) => marker.name === chosen)) {
+  select.replaceChildren(...names.map((name) => new Option(name, name)));
+  if (names.includes(chosen)) {
     select.value = chosen;
   }
 }

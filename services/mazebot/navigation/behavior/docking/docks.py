@@ -99,6 +99,8 @@ class Docks:
     known: dict[str, Dock] = field(default_factory=dict)
     refused: dict[str, str] = field(default_factory=dict)
     """Why a name or id is that of no dock."""
+    unknown: dict[str, str] = field(default_factory=dict)
+    """Why the robot does not know the marker of a name or id."""
 
     def __len__(self) -> int:
         """Number of names, of docks and of markers that are none."""
@@ -108,14 +110,20 @@ class Docks:
         """Pose of the docked robot in the map, by the dock's name."""
         return {name: dock.map_from_dock for name, dock in self.known.items()}
 
-    def learn(self, markers: Iterable[MarkerEntity], camera: CameraView | None) -> None:
+    def learn(
+        self,
+        markers: Iterable[MarkerEntity],
+        camera: CameraView | None,
+        unknown: Mapping[str, str] | None = None,
+    ) -> None:
         """Forget the docks before, and make each of these markers a dock, if it can be one.
 
         Ids come first: where a name is also another marker's id, it is never that of the name's.
 
         Args:
-            markers: all markers of the world.
+            markers: those that the robot knows, at their poses in its map.
             camera: None while it is not known, or there is none.
+            unknown: by name or id, why the robot does not know a marker.
         """
         by_id = {str(marker.marker_id): marker for marker in markers}
         made = {marker_id: self._dock_or_why(one, camera) for marker_id, one in by_id.items()}
@@ -131,6 +139,7 @@ class Docks:
                 )
         self.known = {name: dock for name, dock in called.items() if isinstance(dock, Dock)}
         self.refused = {name: why for name, why in called.items() if isinstance(why, str)}
+        self.unknown = dict(unknown or {})
 
     def _dock_or_why(self, marker: MarkerEntity, camera: CameraView | None) -> Dock | str:
         """The dock before a marker, or why there is none."""
@@ -161,7 +170,7 @@ class Docks:
     def by_name(self, name: str) -> Dock:
         """A dock by its marker's name or id.
 
-        Raises NavigationError with DOCK_NOT_IN_DB where there is no such marker, and
+        Raises NavigationError with DOCK_NOT_IN_DB where the robot knows no such marker, and
         DOCK_NOT_VALID where the robot cannot dock at it, or two markers are called so.
         """
         if name in self.refused:
@@ -169,8 +178,9 @@ class Docks:
                 ErrorCode.DOCK_NOT_VALID, f"dock {name!r:.60}: {self.refused[name]}"
             )
         if name not in self.known:
+            why = f"{self.unknown[name]}; " if name in self.unknown else ""
             raise NavigationError(
-                ErrorCode.DOCK_NOT_IN_DB, f"dock {name!r:.60}: {_must_be(self.known)}"
+                ErrorCode.DOCK_NOT_IN_DB, f"dock {name!r:.60}: {why}{_must_be(self.known)}"
             )
         return self.known[name]
 
@@ -206,5 +216,5 @@ class Docks:
 
 def _must_be(docks: Mapping[str, Dock]) -> str:
     if not docks:
-        return "the world has no marker to dock at"
+        return "there is no marker that the robot knows"
     return f"must be one of {', '.join(sorted(docks))}"
