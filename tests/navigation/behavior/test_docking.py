@@ -207,6 +207,30 @@ def test_a_slow_camera_has_time_for_all_sightings_of_the_verdict() -> None:
     assert robot.states[-1].num_retries == 0
 
 
+@pytest.mark.parametrize("camera_periods", [13, 20, 24])
+def test_a_camera_of_less_than_2_pictures_a_second_docks_as_exactly(camera_periods: int) -> None:
+    for seed in range(4):
+        robot = DockingRobot(seed, camera_periods=camera_periods)
+        error = robot.dock_it()
+        # Two pictures in a row without the marker may take too long.
+        assert robot.states[-1].num_retries <= 1
+        assert abs(error.y_m) < 0.02
+        assert math.hypot(error.x_m, error.y_m) < 0.03
+        moves = [step for step in robot.states if step.velocity.linear_m_s > 0.0]
+        assert moves[0].state is DockState.CONTROLLING
+
+
+def test_the_robot_stands_on_its_way_while_the_last_sighting_is_old() -> None:
+    robot = DockingRobot(2, camera_periods=30, noise=0.0)
+    age_ns = []
+    while robot.error().x_m < -0.2:
+        step = robot.step()
+        if step.velocity.linear_m_s > 0.0 and robot.sightings:
+            age_ns.append(robot.now_ns - robot.sightings[0].stamp_ns)
+    # It brakes within another 0.7 s.
+    assert max(age_ns) < 1.8e9
+
+
 def test_a_pose_from_which_the_marker_is_not_in_the_picture_is_judged_by_odometry() -> None:
     robot = DockingRobot(0, away_m=0.88, aside_rad=0.35, side_m=0.4)
     error = robot.dock_it()

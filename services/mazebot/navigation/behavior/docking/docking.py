@@ -53,10 +53,16 @@ class DockingParams(Params):
         -0.7, lt=0, description="m; place of the staging pose along the docked robot's heading"
     )
     initial_perception_timeout: float = Field(
-        8.0, gt=0, description="s; how long the marker is searched for at the staging pose"
+        8.0,
+        gt=0,
+        description="s; how long the marker is searched for at the staging pose; while it is seen, "
+        "three times external_detection_timeout from the last sighting on",
     )
     external_detection_timeout: float = Field(
-        1.0, gt=0, description="s; a sighting older than this is no longer used"
+        1.0,
+        gt=0,
+        description="s; by an older sighting the robot does not drive on to the dock: it stands, "
+        "and waits twice as long for the next one",
     )
     dock_approach_timeout: float = Field(
         40.0, gt=0, description="s; an approach that takes longer is tried again"
@@ -255,9 +261,8 @@ class Docker:
 
     def _perceive(self, now_ns: int, elapsed_s: float, base: SE2) -> DockingStep:
         p, estimate = self._params, self._estimate
-        running_s = self._running_s(now_ns)
-        fresh = now_ns - estimate.last_stamp_ns <= p.external_detection_timeout * 1e9
-        seen = estimate.count > 0 and fresh
+        running_s, patience_s = self._running_s(now_ns), _PATIENCE * p.external_detection_timeout
+        waits = estimate.count > 0 and self._waited_s(now_ns, 0) <= patience_s
         if estimate.new >= p.views and self._stands(elapsed_s):
             dock = self.odom_from_dock
             assert dock is not None
@@ -268,13 +273,16 @@ class Docker:
             self._returns = self._returns + 1 if too_near else 0
             self._enter(DockState.RETRY if too_near else DockState.CONTROLLING, now_ns)
             return self._answer(STOP, elapsed_s)
-        if running_s > p.initial_perception_timeout:
+        most_s = p.initial_perception_timeout
+        if waits and estimate.new > 0:
+            most_s = max(most_s, p.views * patience_s)
+        if running_s > most_s:
             raise NavigationError(
                 ErrorCode.FAILED_TO_DETECT_DOCK,
-                f"the dock's marker was detected {estimate.new} times in {running_s:.1f} s: "
-                f"must be at least {p.views} times{self._elsewhere}",
+                f"the dock's marker was detected {estimate.new} times in {running_s:.1f} s: must "
+                f"be at least {p.views} times, at most {patience_s:g} s apart{self._elsewhere}",
             )
-        if seen:
+        if waits:
             bearing_rad = _bearing(base, estimate.odom_from_marker)
             # In the middle of the picture, so that it stays in view on the way.
             turning = abs(bearing_rad) > 0.35 or (
@@ -305,7 +313,9 @@ class Docker:
         time_to_collision: TimeToCollision,
     ) -> DockingStep:
         p = self._params
-        self._check_approach(now_ns, base, at, time_to_collision)
+        self._check_approach(now_ns, at, time_to_collision)
+        if self._waits_for_marker(now_ns, base, at):
+            return self._answer(STOP, elapsed_s)
         if self._aligning:
             return self._align(now_ns, elapsed_s, at)
         if at.x_m < -p.final_straight:
@@ -339,29 +349,15 @@ class Docker:
         exact = self._estimate.position_std_m(base) <= self._params.lateral_tolerance
         return exact and not self._in_picture(at)
 
-    def _check_approach(
-        self, now_ns: int, base: SE2, at: SE2, time_to_collision: TimeToCollision
-    ) -> None:
+    def _check_approach(self, now_ns: int, at: SE2, time_to_collision: TimeToCollision) -> None:
         p = self._params
-        if self._is_hidden(base, at):
-            self._hidden_ns = now_ns
-        if self._running_s(now_ns) > p.dock_approach_timeout:
+        # The verdict has its own time: it needs longer with a slow camera.
+        judging = self._judges_since_ns is not None
+        if self._running_s(now_ns) > p.dock_approach_timeout and not judging:
             raise NavigationError(
                 ErrorCode.FAILED_TO_CONTROL,
                 f"failed to reach the dock within {p.dock_approach_timeout:.0f} s: "
                 f"{-at.x_m:.3f} m before it, {at.y_m:.3f} m to the side",
-            )
-        lost_s = (now_ns - max(self._estimate.last_stamp_ns, self._hidden_ns)) * 1e-9
-        # So near the end odometry is good enough, and so near the marker it has to be.
-        by_odometry = (
-            at.x_m >= -0.5 * p.final_straight
-            or (self._marker_from_dock @ at).x_m < self._dock.whole_view_m
-        )
-        if lost_s > p.external_detection_timeout and not by_odometry:
-            raise NavigationError(
-                ErrorCode.FAILED_TO_DETECT_DOCK,
-                f"the dock's marker was not detected for {lost_s:.1f} s, {-at.x_m:.2f} m before "
-                f"the dock{self._elsewhere}",
             )
         speed = self._limited.velocity
         if speed.linear_m_s > 0.0:
@@ -371,6 +367,29 @@ class Docker:
                     ErrorCode.FAILED_TO_CONTROL,
                     f"obstacle in the way, {-at.x_m:.2f} m before the dock",
                 )
+
+    def _waits_for_marker(self, now_ns: int, base: SE2, at: SE2) -> bool:
+        """Whether the last sighting is too old to drive on by. Raises NavigationError with
+        FAILED_TO_DETECT_DOCK where the next one should have come long ago.
+        """
+        p = self._params
+        if self._is_hidden(base, at):
+            self._hidden_ns = now_ns
+        lost_s = self._waited_s(now_ns, self._hidden_ns)
+        # So near the end odometry is good enough, and so near the marker it has to be.
+        by_odometry = (
+            at.x_m >= -0.5 * p.final_straight
+            or (self._marker_from_dock @ at).x_m < self._dock.whole_view_m
+        )
+        if by_odometry:
+            return False
+        if lost_s > _PATIENCE * p.external_detection_timeout:
+            raise NavigationError(
+                ErrorCode.FAILED_TO_DETECT_DOCK,
+                f"the dock's marker was not detected for {lost_s:.1f} s, {-at.x_m:.2f} m before "
+                f"the dock{self._elsewhere}",
+            )
+        return lost_s > p.external_detection_timeout
 
     def _align(self, now_ns: int, elapsed_s: float, at: SE2) -> DockingStep:
         """Turn to the dock's heading on the spot, then judge by new sightings; by odometry alone
@@ -388,9 +407,8 @@ class Docker:
             self._judges_since_ns = now_ns
             estimate.count_anew()
         if estimate.new < p.views:
-            # From the last one on: a slow camera needs longer for all of them.
-            waited_s = (now_ns - max(self._judges_since_ns, estimate.last_stamp_ns)) * 1e-9
-            if waited_s <= 2.0 * p.external_detection_timeout:
+            waited_s = self._waited_s(now_ns, self._judges_since_ns)
+            if waited_s <= _PATIENCE * p.external_detection_timeout:
                 return self._answer(STOP, elapsed_s)
             if self._seen_from_dock:
                 raise NavigationError(
@@ -469,6 +487,10 @@ class Docker:
     def _running_s(self, now_ns: int) -> float:
         return (now_ns - (self._since_ns or 0)) * 1e-9
 
+    def _waited_s(self, now_ns: int, since_ns: int) -> float:
+        """Since the last sighting: a slow camera needs longer for all of them."""
+        return (now_ns - max(since_ns, self._estimate.last_stamp_ns)) * 1e-9
+
     def _answer(self, wanted: Velocity, elapsed_s: float) -> DockingStep:
         velocity = self._limited.toward(wanted, elapsed_s)
         return DockingStep(self._state, velocity, self._retries, False)
@@ -476,6 +498,8 @@ class Docker:
 
 _DOCKED = SE2(0.0, 0.0, 0.0)
 _MOST_RETURNS = 2
+_PATIENCE = 3.0
+"""Times `external_detection_timeout`, for which a robot that stands waits for the next sighting."""
 
 
 def _needs_more_room(params: DockingParams, dock_from_base: SE2) -> bool:
