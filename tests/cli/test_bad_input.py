@@ -353,6 +353,13 @@ topic pub /cmd_vel "{{twst: 1}}" : twst|1|twist
 topic pub /cmd_vel "{{twist: 1}}" : twist|1|fields
 topic pub /cmd_vel "{{twist: {{linear: {{x: fast}}}}}}" : twist.linear.x|fast|number
 topic pub /cmd_vel "{{twist: {{linear: {{x: true}}}}}}" : twist.linear.x|True|number
+topic pub /cmd_vel "{{twist: {{linear: {{x: null}}}}}}" : twist.linear.x|None|number
+topic pub /cmd_vel "{{twist: {{linear: {{x: , y: 0.5}}}}}}" : twist.linear.x|None|number
+topic pub /cmd_vel "{{twist: {{linear: null}}}}" : twist.linear|None|fields
+topic pub /cmd_vel "{{header: {{frame_id: null}}}}" : header.frame_id|None|string
+topic pub /cmd_vel "{{header: {{stamp: {{sec: null}}}}}}" : stamp.sec|None|integer
+topic pub /explore/resume "{{data: null}}" : /explore/resume|data|None|true or false
+topic pub /initialpose "{{pose: {{covariance: null}}}}" : pose.covariance|None|list
 topic pub /cmd_vel "{{twist: {{linear: {{x: .nan}}}}}}" : nan|not finite
 topic pub /cmd_vel "{{twist: {{linear: {{x: .inf}}}}}}" : inf|not finite
 topic pub /cmd_vel "{{header: {{frame_id: 3}}}}" : header.frame_id|3|string

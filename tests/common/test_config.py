@@ -134,6 +134,8 @@ def test_what_others_read_is_no_mistake(monkeypatch: pytest.MonkeyPatch) -> None
         ("physics: 3", ["physics: 3", "mapping of fields"]),
         ("physics: {rate_hz: -2}", ["rate_hz", "greater than 0", "-2 from", "bad.yaml"]),
         ("seed: -3", ["seed", "-3 from", "bad.yaml"]),
+        ("seed:", ["seed", "None from", "bad.yaml"]),
+        ("physics: {rate_hz: }", ["rate_hz", "None from", "bad.yaml"]),
         ("services: {physics: {rate: 2}}", ["physics.rate: 2", "rate_hz?"]),
         ("services: {}\nworld: x\nphysics: {}", ["physics", "unknown section"]),
         ("physics: {rate_hz: 2", [":2: not YAML", "not closed"]),

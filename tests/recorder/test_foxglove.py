@@ -167,6 +167,9 @@ def test_parameters_and_services(tmp_path: Path) -> None:
         )
         client.wait_for(lambda: len(client.complaints()) > 1)
         assert "simulation.speed" in client.complaints()[-1]
+        client.parameters("no4", op="setParameters", parameters=[{"name": "simulation.speed"}])
+        client.wait_for(lambda: len(client.complaints()) > 2)
+        assert "simulation.speed: None: must be a number" in client.complaints()[-1]
         assert set(client.services) == {query.name for query in QUERIES}
         assert isinstance(client.call("/get_entities")["entities"], list)
         assert "/simulation/control: " in client.call("/simulation/control", step="many")
@@ -216,6 +219,10 @@ def test_velocities_of_its_panels_and_what_is_refused(
             ("/initialpose", "geometry_msgs/msg/PoseWithCovarianceStamped", "json",
              b'{"pose": {"pose": {"orientation": {"w": 1}}, "covariance": [0.25]}}',
              "/initialpose.pose.covariance: [0.25]: must be a list of 36"),
+            # As JavaScript writes a number that is none.
+            ("/goal_pose", "geometry_msgs/msg/PoseStamped", "json",
+             b'{"pose": {"position": {"x": null, "y": -0.9}, "orientation": {"w": 1}}}',
+             "/goal_pose.pose.position.x: None: must be a number"),
             ("/goal_pose", "geometry_msgs/msg/PoseStamped", "cdr", pose(float("nan"), 0.0),
              "/goal_pose: "),
         )  # fmt: skip

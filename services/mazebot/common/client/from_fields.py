@@ -11,6 +11,10 @@ from mazebot.common.config import ConfigError
 from mazebot.common.messages import messages as msg
 from mazebot.common.settings.known_settings import unknown_name
 
+_ABSENT: Any = object()
+"""In place of a field that is not given; None is what a person or tool has written, as JSON has
+`null` for a number that is none.
+"""
 _INTEGERS = {
     f"{sign}int{bits}": (0 if sign else -(1 << bits - 1), (1 << (bits if sign else bits - 1)) - 1)
     for sign in ("u", "")
@@ -36,27 +40,27 @@ def message_of(kind: str, content: object, where: str) -> Any:
         # No rotation, as in ROS.
         content = {"w": 1.0}
     values: dict[str, Any] = {
-        name: _value(spec, content.get(name), f"{where}.{name}") for name, spec in fields.items()
+        name: _value(spec, content.get(name, _ABSENT), f"{where}.{name}")
+        for name, spec in fields.items()
     }
     return msg.TYPESTORE.types[kind](**values)
 
 
 def _value(spec: Any, content: object, where: str) -> object:
-    """A field's value, converted to its type; None: not given."""
+    """A field's value, converted to its type; of `_ABSENT`: zero."""
     kind, what = spec
     if kind == Nodetype.NAME:
-        return message_of(what, {} if content is None else content, where)
+        return message_of(what, {} if content is _ABSENT else content, where)
     if kind == Nodetype.BASE:
         return _base(what[0], content, where)
     item, length = what
-    given = [] if content is None else content
-    if not isinstance(given, list):
+    if content is _ABSENT:
+        content = [_ABSENT] * (length if kind == Nodetype.ARRAY else 0)
+    if not isinstance(content, list):
         raise ConfigError(f"{where}: {content!r:.60}: must be a list")
-    if kind == Nodetype.ARRAY and content is None:
-        given = [None] * length
-    if kind == Nodetype.ARRAY and len(given) != length:
+    if kind == Nodetype.ARRAY and len(content) != length:
         raise ConfigError(f"{where}: {content!r:.60}: must be a list of {length}")
-    items = [_value(item, one, f"{where}[{index}]") for index, one in enumerate(given)]
+    items = [_value(item, one, f"{where}[{index}]") for index, one in enumerate(content)]
     if item[0] == Nodetype.BASE and item[1][0] != "string":
         return np.array(items, item[1][0])
     return items
@@ -64,18 +68,20 @@ def _value(spec: Any, content: object, where: str) -> object:
 
 def _base(kind: str, content: object, where: str) -> object:
     if kind == "string":
-        if content is not None and not isinstance(content, str):
+        text = "" if content is _ABSENT else content
+        if not isinstance(text, str):
             raise ConfigError(f"{where}: {content!r:.60}: must be a string")
         try:
-            (content or "").encode()
+            text.encode()
         except UnicodeEncodeError:
             raise ConfigError(f"{where}: {content!r:.60}: must be valid Unicode") from None
-        return content or ""
+        return text
     if kind == "bool":
-        if content is not None and not isinstance(content, bool):
+        flag = False if content is _ABSENT else content
+        if not isinstance(flag, bool):
             raise ConfigError(f"{where}: {content!r:.60}: must be true or false")
-        return bool(content)
-    number = 0 if content is None else content
+        return flag
+    number = 0 if content is _ABSENT else content
     if kind in _INTEGERS:
         least, most = _INTEGERS[kind]
         if not isinstance(number, int) or isinstance(number, bool) or not least <= number <= most:

@@ -107,9 +107,7 @@ def read_settings(
     content = _yaml_mapping(path)
     of_a_run = isinstance(content.get("services"), dict)
     top, found = (content, content["services"]) if of_a_run else ({}, dict(content))
-    seed = content.get("seed")
-    if not of_a_run:
-        found.pop("seed", None)
+    common = {"seed": found.pop("seed")} if not of_a_run and "seed" in found else {}
     known = sections()
     strange = [name for name in found if name not in known and name not in fields_of]
     strange += [name for name in top if name not in _OF_A_RUN]
@@ -123,9 +121,9 @@ def read_settings(
         unread = of_a_run and name == "recorder"
         _check_section(path, name, section, None if unread else fields_of.get(name))
         if of_a_run:
-            read[name] = _to_repeat(name, section, seed)
+            read[name] = _to_repeat(name, section, content.get("seed"))
         else:
-            read[name] = {**({} if seed is None else {"seed": seed}), **section}
+            read[name] = {**common, **section}
     return read
 
 
@@ -208,7 +206,10 @@ def _source(
             if is_of(upper.removeprefix(prefix).lower().replace("__", ".")):
                 return name
     for path, values in files.items():
-        if value_of(values, setting) is not None:
+        *outer, last = setting.split(".")
+        section = value_of(values, ".".join(outer)) if outer else values
+        # A value that is empty is from there, too.
+        if isinstance(section, Mapping) and last in section:
             return str(path)
     return ""
 

@@ -71,6 +71,10 @@ class RunParameters:
         if self._robot is None:
             raise ConfigError(f"{name}: this run takes no requests")
         field = _SIMULATION[name][1]
+        if value is None:
+            # A client may unset a parameter; of the simulator that would ask for no change.
+            must = "true or false" if field == "pause" else "a number"
+            raise ConfigError(f"{name}: None: must be {must}")
         try:
             request = doc.SimulationControl.model_validate({field: value})
         except ValidationError as error:
