@@ -244,13 +244,30 @@ def test_tags_and_a_note_are_kept_and_found(served: Served) -> None:
     assert 'value="c"' in served.ask(f"/runs/{FIRST}").text
 
 
-@pytest.mark.parametrize("fields", [{"tags": "a/b"}, {"tags": "x" * 41}, {"note": "x" * 10_001}])
+@pytest.mark.parametrize(
+    ("fields", "said"),
+    [
+        ({"tags": ["a/b"]}, "tag 'a/b': must be letters"),
+        ({"tags": ["x" * 41]}, "40 at most"),
+        # A form has words with spaces between them, a list of JSON has not.
+        ({"tags": ["very slow"]}, "tag 'very slow': must be letters"),
+        ({"tags": "slow"}, "tags: must be a valid list (got 'slow')"),
+        ({"tags": None, "note": "x"}, "tags: must be a valid list (got None)"),
+        ({"tags": ["a", 12]}, "tags.1: must be a valid string (got 12)"),
+        ({"tags": {"a": 1}}, "tags: must be a valid list"),
+        ({"tags": ["a"], "note": None}, "note: must be a valid string (got None)"),
+        ({"note": 12}, "note: must be a valid string (got 12)"),
+        ({"note": ["a", "b"]}, "note: must be a valid string"),
+        ({"note": "x" * 10_001}, "note: "),
+    ],
+)
 def test_a_tag_or_note_that_cannot_be_changes_nothing(
-    served: Served, fields: dict[str, str]
+    served: Served, fields: dict[str, object], said: str
 ) -> None:
-    assert served.post(f"/runs/{FIRST}/labels", {"tags": "good"}).status == 200
+    assert served.post(f"/runs/{FIRST}/labels", {"tags": ["good"]}).status == 200
     answer = served.post(f"/runs/{FIRST}/labels", fields)
     assert answer.status == 422
+    assert said in answer.json["error"]
     assert "\n" not in answer.json["error"]
     assert json.loads((served.folder / FIRST / "labels.json").read_text())["tags"] == ["good"]
 
@@ -270,6 +287,7 @@ def test_an_unknown_field_is_named_and_changes_nothing(
     assert answer.status == 400
     unknown = next(name for name in fields if name not in ("tags", "note", "confirm"))
     assert answer.json == {"error": f"unknown field {unknown!r}: allowed: {allowed}"}
+    assert served.ask(f"/runs/{FIRST}/labels", "POST", FORM, "tags=a&color=red").status == 400
     assert not (served.folder / FIRST / "labels.json").exists()
 
 
@@ -282,7 +300,7 @@ def test_json_is_answered_with_json_and_a_form_with_a_page(served: Served) -> No
     answer = post(labels, '{"tags": ["a"]}')
     assert (answer.status, answer.json) == (200, {"tags": ["a"], "note": ""})
     wrong = {
-        labels: ('{"tags": "a/b"}', 422),
+        labels: ('{"tags": ["a/b"]}', 422),
         "/runs/none/labels": ("{}", 404),
         f"/runs/{FIRST}/delete": ('{"confirm": "no"}', 422),
         "/runs": ("{}", 405),

@@ -98,7 +98,7 @@ def test_an_operator_does_all_until_the_logout(locked: Locked) -> None:
     who = locked.log_in(locked.operators)
     assert FIRST in locked.served.ask("/runs", headers=who).text
     assert "Log out" in locked.served.ask("/runs", headers=who).text
-    assert locked.post(LABELS, who, tags="good").json["tags"] == ["good"]
+    assert locked.post(LABELS, who, note="good").json["note"] == "good"
     with locked.page(who) as page:
         page.send(json.dumps({"id": 1, "action": {"do": "cancel"}}))
         assert answer_of(page)["error"] == "no stack is running"

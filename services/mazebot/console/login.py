@@ -21,7 +21,7 @@ from starlette.routing import BaseRoute, Route
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from mazebot.console.config import ConsoleConfig
-from mazebot.console.forms import fields_of
+from mazebot.console.forms import Fields, fields_of
 from mazebot.console.pages import page, wants_json
 from mazebot.console.security import SAFE_METHODS
 
@@ -206,6 +206,14 @@ class LoginGate:
             task.cancel()
 
 
+class _Login(Fields):
+    token: str = ""
+
+
+class _Ending(Fields):
+    id: str = ""
+
+
 def login_routes(logins: Logins) -> list[BaseRoute]:
     """The routes of logging in and out."""
 
@@ -213,7 +221,7 @@ def login_routes(logins: Logins) -> list[BaseRoute]:
         return _login_page(request, 200, "")
 
     async def log_in(request: Request) -> Response:
-        token = (await fields_of(request, (TOKEN,))).get(TOKEN, "").strip()
+        token = (await fields_of(request, _Login)).token.strip()
         return _logged_in(request, logins, token, "/")
 
     async def log_out(request: Request) -> Response:
@@ -240,7 +248,7 @@ def login_routes(logins: Logins) -> list[BaseRoute]:
 
     async def end(request: Request) -> Response:
         _only_operator(request)
-        wanted = (await fields_of(request, ("id",))).get("id", "")
+        wanted = (await fields_of(request, _Ending)).id
         if not logins.end(lambda one: one.id == wanted):
             raise HTTPException(404, f"{wanted!r:.20}: there is no such session")
         return RedirectResponse("/sessions", 303)

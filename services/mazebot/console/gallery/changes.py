@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from pathlib import Path
 
+from pydantic import Field
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import JSONResponse, RedirectResponse, Response
@@ -13,7 +14,7 @@ from starlette.routing import BaseRoute, Route
 from mazebot.common.config import ConfigError
 from mazebot.common.recordings.labels import Labels, read_labels, relabelled, write_labels
 from mazebot.common.recordings.retention import delete_run
-from mazebot.console.forms import fields_of
+from mazebot.console.forms import Fields, fields_of
 from mazebot.console.gallery.routes import index_of
 from mazebot.console.gallery.run_page import run_of
 from mazebot.console.pages import page, wants_json
@@ -28,13 +29,21 @@ def change_routes() -> list[BaseRoute]:
     ]
 
 
+class _NewLabels(Fields):
+    tags: list[str] = Field([])
+    note: str = ""
+
+
+class _Deletion(Fields):
+    confirm: str = ""
+
+
 async def _set_labels(request: Request) -> Response:
     run = await run_of(request)
-    fields = await fields_of(request, ("tags", "note"))
-    tags = fields.get("tags", "").replace(",", " ").split()
+    wanted = await fields_of(request, _NewLabels)
     folder = run.path
     try:
-        labels = await asyncio.to_thread(_relabel, folder, tuple(tags), fields.get("note", ""))
+        labels = await asyncio.to_thread(_relabel, folder, tuple(wanted.tags), wanted.note)
     except ConfigError as error:
         message = str(error).replace(str(folder), run.name)
         raise HTTPException(422, message) from error
@@ -63,8 +72,7 @@ async def _confirm(request: Request) -> Response:
 
 async def _delete(request: Request) -> Response:
     run = await run_of(request)
-    fields = await fields_of(request, ("confirm",))
-    if fields.get("confirm") != run.name:
+    if (await fields_of(request, _Deletion)).confirm != run.name:
         raise HTTPException(422, "to delete a run, `confirm` must be its name")
     if run.state == "running":
         raise HTTPException(409, f"{run.name} is being recorded: stop that run first")
