@@ -16,6 +16,7 @@ from mazebot.navigation.config import CONTROL_PERIOD_NS, NavigationConfig
 from mazebot.navigation.control.controller import Controller, Robot
 from mazebot.navigation.control.controllers import CONTROLLERS, make_controller
 from mazebot.navigation.control.safety.back_off import BackOff
+from mazebot.navigation.control.safety.bumps import Bumps
 from mazebot.navigation.control.safety.collision_monitor import CollisionMonitor
 from mazebot.navigation.control.safety.velocity_smoother import VelocitySmoother
 from mazebot.navigation.control.tracking import ObstacleTracker
@@ -83,7 +84,7 @@ def made_drive(
         SearchMotionParams(control_period_s=period_s), cells, server.sensor_timeout,
         config.global_costmap.obstacle_layer.static_margin,
         _depth_sources(config),
-        BackOff(config.back_off, WAFFLE),
+        BackOff(config.back_off, WAFFLE), Bumps(WAFFLE),
         GivingWay(config.giving_way, WAFFLE), Newcomers(config.tracker),
     )  # fmt: skip
 

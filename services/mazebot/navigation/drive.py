@@ -27,6 +27,7 @@ from mazebot.navigation.control.collision import STOP, Velocity
 from mazebot.navigation.control.mppi.batch_pace import BatchPace
 from mazebot.navigation.control.ray_evidence import Rays
 from mazebot.navigation.control.safety.back_off import BackOff
+from mazebot.navigation.control.safety.bumps import Bumps
 from mazebot.navigation.control.safety.collision_monitor import (
     NOTHING_MOVES,
     Action,
@@ -59,6 +60,8 @@ _LOG = logging.getLogger("navigation")
 
 State = Literal["planning", "controlling", "recovering", "held"]
 _NOWHERE = SE2(0.0, 0.0, 0.0)
+_SEARCH_STANDS_NS = 3_000_000_000
+"""A search that found no motion for so long finds none."""
 
 
 class DepthSources(NamedTuple):
@@ -87,6 +90,7 @@ class Drive:
     depth_sources: DepthSources
     """What the depth camera's scan is used for."""
     back_off: BackOff
+    bumps: Bumps
     giving_way: GivingWay
     newcomers: Newcomers
     """What moves, where the pose in the map is not known."""
@@ -99,6 +103,12 @@ class Drive:
     monitor_published: tuple[Action, str] = (Action.DO_NOTHING, "")
     """Action and polygon of the monitor's state last published."""
     _search: SearchMotion | None = None
+    _searched_ns: int = 0
+    """When the search last had a motion."""
+    _stuck_ns: int = 0
+    """When it began to back off,"""
+    _bumped: bool = False
+    """and whether what has stopped it is seen."""
     stopped_at: list[tuple[float, float]] = field(default_factory=list)
     """Where it could not go on, x and y in the map, in order; without those where it was lost."""
     _slips: bool = False
@@ -144,6 +154,12 @@ class Drive:
         self.stopped_at.clear()
         self.robot.costmap.clear_hidden()
         self.robot.local_costmap.clear_hidden()
+
+    def _forget_touched(self) -> None:
+        self.hidden.forget_touched()
+        self.stopped_at.clear()
+        self.robot.costmap.clear_touched()
+        self.robot.local_costmap.clear_touched()
 
     def follow_slip(self, odom_from_before: SE2) -> None:
         """Move what was seen around the robot along with odometry, whose wheels have slipped. What
@@ -191,25 +207,32 @@ class Drive:
         assert measured.echoes is not None
         odom_from_base = measured.odom[1]
         self.robot.local_costmap.follow(odom_from_base, scan)
+        time_s = scan.stamp_ns * 1e-9
         if self.giving_way.is_enabled:
             self.newcomers.take_scan(scan, odom_from_base)
+        moving = moving_in_base(self.newcomers.moving(time_s), odom_from_base)
         if not measured.is_localized(epoch):
             self.tracker.clear()
+            self.bumps.take(scan.stamp_ns, measured.echoes.base_points_m, moving)
             return
         map_from_base = measured.map_from_base()
         static = self.robot.costmap.static
         margin_m = measured.static_margin_m(self.static_margin_m)
-        time_s = scan.stamp_ns * 1e-9
         self.tracker.update(
             time_s, moved_points(measured.echoes.base_points_m, map_from_base, _NOWHERE),
             static.distance_m if self.known_m is None else self.known_m, static.frame, margin_m,
             Rays(time_s, map_from_base @ scan.base_from_scan, scan),
         )  # fmt: skip
-        moving = [(t.x_m, t.y_m, t.radius_m) for t in self.tracker.moving(time_s)]
+        tracks = self.tracker.moving(time_s)
         self.robot.costmap.update(
             map_from_base @ scan.base_from_scan, scan, map_from_base=map_from_base,
-            moving_m=np.array(moving, np.float64).reshape(-1, 3), static_margin_m=margin_m,
+            moving_m=np.array([(t.x_m, t.y_m, t.radius_m) for t in tracks]).reshape(-1, 3),
+            static_margin_m=margin_m,
         )  # fmt: skip
+        moving = np.concatenate([moving, moving_in_base(tracks, map_from_base)])
+        self.bumps.take(scan.stamp_ns, measured.echoes.base_points_m, moving)
+        if not measured.wheels_slip(epoch):
+            self.hidden.cross(odom_from_base, self.robot.footprint)
 
     def take_depth_scan(
         self,
@@ -292,14 +315,30 @@ class Drive:
             return back, ended
         # A task that needs no pose has a command of its own.
         if searching and (request is None or navigator.hold == "lost"):
-            if self._search is None:
-                self._search = SearchMotion(self.search, look_around=bool(robot.docks))
-            command = self._search.step(
-                measured.odom[1], robot.view.echoes_m, robot.time_to_collision
-            )
-            return command, ended
+            return self._searches(now_ns, measured.odom[1]), ended
         self._search = None
         return robot.command, ended
+
+    def _searches(self, now_ns: int, odom_from_base: SE2) -> Velocity:
+        """The command of a robot that looks for where it is. Where it cannot move, one of the
+        places where it could not go on is none.
+        """
+        robot = self.robot
+        assert robot.view is not None
+        if self._search is None:
+            self._search = SearchMotion(self.search, look_around=bool(robot.docks))
+            self._searched_ns = now_ns
+        command = self._search.step(odom_from_base, robot.view.echoes_m, robot.time_to_collision)
+        if command != STOP:
+            self._searched_ns = now_ns
+        elif now_ns - self._searched_ns > _SEARCH_STANDS_NS and len(self.hidden.touched_m):
+            self._searched_ns = now_ns
+            self._forget_touched()
+            _LOG.warning(
+                "the robot cannot move to find its pose: the places where something that no sensor "
+                "shows stopped it are forgotten"
+            )
+        return command
 
     def _end_own_motion(self, measured: Measurements, epoch: int | None) -> None:
         """Neither search for the pose nor back off: a person drives, or there is no task."""
@@ -314,16 +353,23 @@ class Drive:
         self._slips = measured.wheels_slip(epoch)
         stuck_towards, server.stuck_towards = server.stuck_towards, None
         if not self.back_off.is_active:
-            if self._slips and not before:
+            slips = self._slips and not before
+            if slips:
                 stuck_towards = self._commanded
-            if stuck_towards is None or not self.back_off.begin(now_ns, stuck_towards):
+            if stuck_towards is None or not self.back_off.begin(now_ns, stuck_towards, slips):
                 return None
+            self._stuck_ns, self._bumped = now_ns, False
         server.interrupt()
         command, touched_at = self.back_off.step(
             now_ns, measured.odom[1], measured.velocity, self.robot.time_to_collision
         )
+        # As long as the robot stands at it, it is seen there.
+        self._bumped = self._bumped or self.bumps.explain(self._stuck_ns, self.back_off.sign)
         if touched_at is not None:
-            self._remember_touched(touched_at, measured, epoch)
+            if self._bumped:
+                _LOG.warning("something that the lidar sees has stopped the robot")
+            else:
+                self._remember_touched(touched_at, measured, epoch)
         self.robot.controlled = False
         return command
 

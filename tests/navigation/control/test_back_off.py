@@ -84,3 +84,11 @@ def test_what_it_touches_is_taken_for_as_wide_as_it_may_be_up_to_what_is_seen() 
     # What it touches is at least as wide as the robot.
     narrow = back_off.touched_m(lambda _: True)
     assert np.abs(narrow[:, 1]).max() >= 0.14
+
+
+def test_after_a_slip_what_is_behind_may_have_stopped_it() -> None:
+    back_off, here = BackOff(PARAMS, WAFFLE), SE2(0.0, 0.0, 0.0)
+    assert back_off.begin(0, AHEAD, slips=True)
+    back_off.step(0, here, STOP, never)
+    assert back_off.step(PERIOD_NS, here, STOP, lambda _: 0.2) == (STOP, None)
+    assert not back_off.is_active

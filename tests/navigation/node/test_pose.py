@@ -214,3 +214,22 @@ def test_odometry_from_the_future_is_of_a_simulation_that_has_ended() -> None:
     driver.run(0.5)
     assert driver.rejected(ODOM)["stamp in the future"] == 1
     assert estimate_error_m(driver) < 0.05
+
+
+@pytest.mark.parametrize("seen", [True, False])
+def test_only_what_the_lidar_does_not_see_is_remembered_where_the_wheels_slip(seen: bool) -> None:
+    driver = ready()
+    drive = driver.node._drive
+    assert drive is not None
+    driver.goal(LOCATIONS["location1"])
+    driver.run(3.0)
+    if seen:
+        ahead = driver.robot.map_from_base @ SE2(0.13, 0.0, 0.0)
+        driver.extra_segments = box_segments(ahead.x_m, ahead.y_m, 0.06)
+    slips = driver.of(LOCALIZATION_STATUS)[-1].model_copy(update={"wheel_slip": True})
+    driver.deliver(LOCALIZATION_STATUS, slips)
+    driver.step()
+    assert drive.back_off.is_active
+    driver.run(2.0)
+    assert (len(drive.hidden.touched_m) > 0) != seen
+    assert (len(drive.stopped_at) > 0) != seen

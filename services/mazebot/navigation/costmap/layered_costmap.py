@@ -268,22 +268,24 @@ class LayeredCostmap:
 
     def clear(self) -> None:
         """Clear every obstacle that is not on the map, as Nav2's clear_entirely service does."""
-        for layer in self._layers:
-            changed = layer.clear()
-            if changed is not None:
-                self._combine(changed)
+        self._clear(*self._layers)
 
     def clear_scanned(self) -> None:
         """Clear what the lidar has marked: it is marked again if it is there. What only the camera
         has seen may be too near to be seen again.
         """
-        changed = self._obstacles.clear()
-        if changed is not None:
-            self._combine(changed)
+        self._clear(self._obstacles)
 
     def clear_hidden(self) -> None:
         """Clear what the lidar does not show."""
-        for layer in (self._seen_low, self._touched):
+        self._clear(self._seen_low, self._touched)
+
+    def clear_touched(self) -> None:
+        """Clear where the robot could not go on."""
+        self._clear(self._touched)
+
+    def _clear(self, *layers: ObstacleLayer) -> None:
+        for layer in layers:
             changed = layer.clear()
             if changed is not None:
                 self._combine(changed)

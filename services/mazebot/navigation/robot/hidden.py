@@ -15,6 +15,7 @@ from mazebot.common.maths.frames import SE2, Array
 from mazebot.common.maths.kernels import kernel
 from mazebot.common.messages.scan import Scan
 from mazebot.navigation.control.safety.collision_monitor import moved_points
+from mazebot.navigation.costmap.footprint import Footprint
 from mazebot.navigation.costmap.layered_costmap import LocalCostmap
 
 _ORIGIN: Final = SE2(0.0, 0.0, 0.0)
@@ -67,6 +68,18 @@ class HiddenThings:
     def touch(self, points_m: Array) -> None:
         """Remember (n, 2) points in odom where something is."""
         self.touched_m = np.concatenate([self.touched_m, points_m])
+
+    def cross(self, odom_from_base: SE2, footprint: Footprint) -> None:
+        """Forget where the robot could not go on and stands now."""
+        if len(self.touched_m):
+            at_m = moved_points(self.touched_m, _ORIGIN, odom_from_base)
+            outline_m = footprint.points_m
+            inside = (at_m > outline_m.min(axis=0)) & (at_m < outline_m.max(axis=0))
+            self.touched_m = self.touched_m[~inside.all(axis=1)]
+
+    def forget_touched(self) -> None:
+        """Forget where the robot could not go on."""
+        self.touched_m = _NONE
 
     def from_base(self, odom_from_base: SE2) -> Array:
         """(n, 2) all of them in base_footprint."""

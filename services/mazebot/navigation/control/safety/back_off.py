@@ -1,5 +1,5 @@
 """What the robot does where it could not go on: it stops, and drives back. Once it can do that,
-something is where it was that no sensor shows; a robot that does not come back either obeys nobody.
+something is where it was; a robot that does not come back either obeys nobody.
 """
 
 from __future__ import annotations
@@ -58,6 +58,8 @@ class BackOff:
         self._since_ns = 0
         self._from: SE2 | None = None
         """Where the drive back began, in odom; None: it does not stand yet."""
+        self._slips = False
+        """Whether its wheels turned meanwhile."""
         self._proven = False
         """Whether it is clear that something stopped the robot."""
 
@@ -65,12 +67,19 @@ class BackOff:
         """Leave off."""
         self.is_active = False
 
-    def begin(self, now_ns: int, wanted: Velocity) -> bool:
-        """Begin where a command could not be obeyed; False for one that only turns."""
+    @property
+    def sign(self) -> float:
+        """1 where it could not go on ahead, -1 where it could not go back."""
+        return self._sign
+
+    def begin(self, now_ns: int, wanted: Velocity, slips: bool = False) -> bool:
+        """Begin where a command could not be obeyed; False for one that only turns. `slips`: the
+        wheels turned, and the robot did not move as they say.
+        """
         if abs(wanted.linear_m_s) < _LEAST_M_S:
             return False
         self._sign, self._since_ns, self._from = math.copysign(1.0, wanted.linear_m_s), now_ns, None
-        self.is_active, self._proven = True, False
+        self.is_active, self._slips, self._proven = True, slips, False
         return True
 
     def step(
@@ -92,10 +101,12 @@ class BackOff:
         back = Velocity(-self._sign * self._params.speed, 0.0)
         late = now_ns - self._since_ns > 2e9 * self._params.distance / self._params.speed
         driven_m = odom_from_base.distance_m(self._from)
-        # Where it may not drive back, it cannot be tried.
+        # Where it may not drive back, it cannot be tried. Wheels that slipped may do so because of
+        # what is behind.
         barred = time_to_collision(back) <= _FREE_S
+        proves = barred and not self._slips
         touched_at = None
-        if not self._proven and (barred or driven_m >= min(_OBEYS_M, self._params.distance)):
+        if not self._proven and (proves or driven_m >= min(_OBEYS_M, self._params.distance)):
             self._proven, touched_at = True, self._from
         if barred or late or driven_m >= self._params.distance:
             self.end()
