@@ -118,6 +118,8 @@ class TreeTask:
         board, run = self.tree.blackboard, self.tree.run
         # A tree that ends in the moment of a new goal has reached the old one.
         self._unplanned_since = run.plans if run.tick_number else None
+        if run.tick_number:
+            self.tree.renew()
         run.number_of_recoveries, run.failures = 0, []
         run.tracking = None
         goals: tuple[SE2, ...] = ()

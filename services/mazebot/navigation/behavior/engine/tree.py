@@ -185,6 +185,11 @@ class Node(ABC):
         return f"{self.place.kind} '{self.place.name}'"
 
     @property
+    def recovers(self) -> bool:
+        """Whether it runs because something failed."""
+        return False
+
+    @property
     def context(self) -> NavigationContext:
         """The robot and its costmaps, planner and controller."""
         return self.place.run.context
@@ -261,6 +266,11 @@ class Node(ABC):
     def _halt(self) -> None:
         """Stop what runs; the status is still RUNNING."""
         self.halt_children()
+
+    def renew(self) -> None:
+        """Forget what counts for one goal alone, here and below: the task has a new one."""
+        for child in self.children:
+            child.renew()
 
     def halt_children(self, first: int = 0) -> None:
         """Halt the children from an index on."""
@@ -399,6 +409,12 @@ class BehaviorTree:
     def halt(self) -> None:
         """Cancel what runs."""
         self.root.halt()
+
+    def renew(self) -> None:
+        """Begin with a new goal: what runs goes on, but no recovery because of the goal before."""
+        if any(node.recovers for node, _ in self._nodes):
+            self.halt()
+        self.root.renew()
 
     def failed_node(self) -> Node:
         """The node because of which the last tick failed: the last one on the way of failures

@@ -212,6 +212,16 @@ class RecoveryNode(Control):
                 if node.key("error_code_id") is not None:
                     node.put("error_code_id", 0)
 
+    @property
+    def recovers(self) -> bool:
+        """See Node."""
+        return self._recovering
+
+    def renew(self) -> None:
+        """See Node."""
+        self._retries = 0
+        super().renew()
+
     def _end(self, status: NodeStatus) -> NodeStatus:
         self._recovering, self._retries = False, 0
         self.halt_children()
@@ -282,7 +292,9 @@ class NonblockingSequence(Control):
 
 
 class PersistentSequence(Control):
-    """A Sequence that keeps its place in the port `current_child_idx`, also when it is halted."""
+    """A Sequence that keeps its place in the port `current_child_idx`, also when it is halted. A
+    new goal begins at the first child.
+    """
 
     ports = (Port("current_child_idx", "integer", required=True),)
 
@@ -300,3 +312,9 @@ class PersistentSequence(Control):
         self.halt_children()
         self.put("current_child_idx", 0)
         return SUCCESS
+
+    def renew(self) -> None:
+        """See Node."""
+        if self.status is not RUNNING:
+            self.put("current_child_idx", 0)
+        super().renew()
