@@ -45,10 +45,13 @@ def clear_costmap(ask: act.ClearCostmap, ready: Ready) -> act.Reply:
     """
     try:
         as_layers(ask.plugins)
-        drive = ready()
+        drive, requests = ready(), clear_requests(ask)
+        # Both costmaps are cleared, or none.
+        for request in requests:
+            drive.robot.middle_of(request)
         # A person knows better than what was seen.
         drive.robot.forget_places()
-        for request in clear_requests(ask):
+        for request in requests:
             drive.robot.clear_costmap(request)
             if request.area == "entirely":
                 drive.forget_hidden()

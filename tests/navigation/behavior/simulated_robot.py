@@ -60,6 +60,7 @@ class SimulatedRobot:
     docks: Docks = field(default_factory=Docks)
     sighting: MarkerPose | None = None
     charge: BatteryCharge | None = None
+    clock_ns: int = 0
 
     def __post_init__(self) -> None:
         loaded = house()
@@ -142,6 +143,10 @@ class SimulatedRobot:
         self._see(0)
         return self.inner.time_to_collision(velocity)
 
+    def obstacle(self, velocity: Velocity, seconds: float) -> str:
+        self._see(0)
+        return self.inner.obstacle(velocity, seconds)
+
     def clear_costmap(self, request: ClearRequest) -> None:
         self.cleared.append(request)
         self._see(0)
@@ -176,6 +181,9 @@ class SimulatedRobot:
     def dock_at(self, map_from_dock: SE2) -> Dock:
         self._see(0)
         return self.inner.dock_at(map_from_dock)
+
+    def time_ns(self) -> int:
+        return self.clock_ns
 
     def is_localized(self) -> bool:
         return self.localized
@@ -212,7 +220,7 @@ class Drive:
         self.each_period(self.now_ns)
         if self.robot.boxes and self.now_ns % (2 * CONTROL_PERIOD_NS) == 0:
             self.robot.look()
-        self.robot.command = STOP
+        self.robot.command, self.robot.clock_ns = STOP, self.now_ns
         result = self.navigator.step(self.now_ns)
         if result is not None:
             self.results.append(result)

@@ -8,6 +8,7 @@ import pytest
 
 from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import SE2, wrap_angle
+from mazebot.common.messages.documents import KeepoutZone
 from mazebot.common.messages.error_codes import ErrorCode
 from mazebot.navigation.behavior.actions import (
     FollowPath,
@@ -29,16 +30,19 @@ from mazebot.navigation.behavior.bt_navigator import (
     NavigatorParams,
     WaypointFollowerParams,
 )
-from mazebot.navigation.behavior.context import Dock
+from mazebot.navigation.behavior.context import Dock, MarkerPose
+from mazebot.navigation.behavior.docking.docking import DockingParams, DockState
 from mazebot.navigation.behavior.engine.tree import NodeStatus
 from mazebot.navigation.behavior.nodes.nodes_goals import WaypointState
 from mazebot.navigation.behavior.nodes.path_parts import pose_on
 from mazebot.navigation.behavior.waypoints import WaitAtWaypoint
 from mazebot.navigation.control.collision import STOP, Velocity
+from mazebot.navigation.costmap.zones import zones_of
 from mazebot.navigation.errors import NavigationError
 from tests.navigation.behavior.nav2_usage import document
 from tests.navigation.behavior.simulated_robot import Box, Drive, SimulatedRobot
 from tests.navigation.driving import LOCATIONS, START, Unicycle
+from tests.navigation.house_tour import house
 
 NEAR, FAR = LOCATIONS["location1"], LOCATIONS["location3"]
 INSIDE_A_WALL = SE2(0.4, 0.55, 0.0)
@@ -543,6 +547,7 @@ def test_docking_drives_to_the_staging_pose_and_looks_for_the_marker() -> None:
     result = drive.until_done(dock_robot(dock_id="home"))
     # There is no marker there.
     assert result.error_code == ErrorCode.FAILED_TO_DETECT_DOCK
+    assert result.num_retries == DockingParams().max_retries
     assert drive.robot.robot.map_from_base.distance_m(NEAR) < 0.1
 
 
@@ -662,3 +667,64 @@ def test_a_tree_that_comes_with_navigation_is_found_by_its_name() -> None:
     assert root.status is NodeStatus.RUNNING
     with pytest.raises(NavigationError, match=r"no_such_tree\.xml: No such file"):
         drive.navigator.start(drive.now_ns, NavigateToPose(NEAR, "no_such_tree"))
+
+
+def test_a_new_goal_before_a_closed_door_is_waited_for_as_long_as_the_one_before() -> None:
+    drive = Drive()
+
+    def open_at_25_s(now_ns: int) -> None:
+        drive.robot.boxes = [DOOR if now_ns < 25_000_000_000 else AWAY]
+
+    drive.each_period = open_at_25_s
+    drive.navigator.start(0, NavigateToPose(FAR))
+    drive.run(14.0)
+    assert not drive.results
+    drive.navigator.start(drive.now_ns, NavigateToPose(FAR))
+    drive.run(1.0)
+    # The costmap may show what is gone: each goal has it cleared once.
+    assert len(drive.robot.cleared) == 2
+    assert drive.finish().error_code == 0
+
+
+def test_docking_notices_after_a_pause_that_the_marker_is_gone() -> None:
+    drive = Drive()
+    dock = drive.robot.docks.known["home"] = dock_at(NEAR @ SE2(0.7, 0.0, 0.0))
+
+    def see(now_ns: int) -> None:
+        base = drive.robot.robot.map_from_base
+        drive.robot.sighting = MarkerPose(
+            now_ns, base.inverse() @ dock.map_from_marker, drive.robot.odom_from_base()
+        )
+
+    def state() -> DockState:
+        feedback = drive.navigator.feedback(drive.now_ns)
+        assert feedback is not None
+        return feedback.docking_state
+
+    drive.each_period = see
+    drive.navigator.start(0, dock_robot(dock_id="home"))
+    while not drive.commands or state() is not DockState.CONTROLLING:
+        drive.step()
+    drive.run(0.5)
+    drive.navigator.pause()
+    drive.run(30.0)
+    drive.navigator.resume()
+    drive.run(0.2)
+    assert state() is DockState.CONTROLLING
+    drive.each_period = lambda _: None
+    before = drive.poses[-1]
+    while state() is DockState.CONTROLLING:
+        drive.step()
+    assert drive.poses[-1].distance_m(before) < 0.25
+    assert drive.finish().num_retries == DockingParams().max_retries
+
+
+def test_a_drive_into_a_keepout_zone_is_refused_by_its_name() -> None:
+    drive = Drive()
+    robot, static = drive.robot.inner, drive.robot.costmap.static
+    corners = tuple((START @ SE2(*at, 0.0))[:2] for at in ((0.3, -1), (1, -1), (1, 1), (0.3, 1)))
+    zone = KeepoutZone(name="carpet", polygon_m=corners)
+    robot.take_map(static.frame, house().map_cells, 0.1, zones_of(static.frame, 0.4, [zone]))
+    into = drive.until_done(drive_on_heading(0.4, 0.2))
+    assert into.error_code == ErrorCode.DRIVE_ON_HEADING_COLLISION_AHEAD
+    assert "keepout zone carpet 0." in into.error_msg

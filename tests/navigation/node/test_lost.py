@@ -4,6 +4,7 @@ does not, and without any.
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from mazebot.common.maths.frames import SE2
@@ -11,12 +12,14 @@ from mazebot.common.messages import action_documents as act
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.topics import (
     ACTION_RESULT,
+    CLEAR_COSTMAP,
     CMD_VEL,
     CMD_VEL_TELEOP,
     LOCALIZATION_STATUS,
     SEND_GOAL,
 )
 from mazebot.navigation.control.collision import Velocity
+from mazebot.navigation.control.safety.collision_monitor import moved_points
 from mazebot.navigation.messages import planar_document
 from tests.navigation.driving import LOCATIONS, NodeDriver, asked, ready
 
@@ -90,3 +93,33 @@ def test_a_person_who_drives_is_obeyed(lost: NodeDriver, assisted: bool) -> None
     assert not any(map(any, commands(lost)[20:]))
     drive_by_hand(lost, 0.05, 20)
     assert commands(lost)[-1] == pytest.approx(Velocity(0.05, 0.0))
+
+
+def test_a_search_that_finds_no_motion_forgets_where_the_robot_could_not_go_on(
+    lost: NodeDriver,
+) -> None:
+    drive = lost.node._drive
+    assert drive is not None
+    turns_rad = np.linspace(0.0, 2.0 * np.pi, 80)
+    around_m = 0.26 * np.column_stack([np.cos(turns_rad), np.sin(turns_rad)])
+    ring_m = moved_points(around_m, lost.odom_from_base, SE2(0.0, 0.0, 0.0))
+    drive.hidden.touch(ring_m)
+    drive.robot.local_costmap.mark_touched(ring_m)
+    start(lost, act.NavigateToPose(pose=planar_document(LOCATIONS["location1"])))
+    lost.run(8.0)
+    assert any(map(any, commands(lost)[-40:]))
+    assert not len(drive.hidden.touched_m)
+
+
+def test_a_lost_robot_clears_what_needs_no_pose_and_nothing_by_halves(lost: NodeDriver) -> None:
+    drive = lost.node._drive
+    assert drive is not None
+    touched_m = np.array([[lost.odom_from_base.x_m + 0.6, lost.odom_from_base.y_m]])
+    drive.hidden.touch(touched_m)
+    drive.robot.local_costmap.mark_touched(touched_m)
+    before = drive.robot.local_costmap.revision
+    near = asked(lost, CLEAR_COSTMAP, act.ClearCostmap(area="around_robot"))
+    assert "not localized" in near.error
+    assert drive.robot.local_costmap.revision == before
+    assert asked(lost, CLEAR_COSTMAP, act.ClearCostmap()).error == ""
+    assert not len(drive.hidden.touched_m)

@@ -211,6 +211,12 @@ class NavigationContext(Protocol):
         """
         ...
 
+    def obstacle(self, velocity: Velocity, seconds: float) -> str:
+        """What the robot meets after this time at a constant velocity: "obstacle", or the name of
+        the keepout zone that it enters.
+        """
+        ...
+
     def clear_costmap(self, request: ClearRequest) -> None:
         """Forget obstacles of a costmap; what the newest scan shows stays."""
         ...
@@ -252,6 +258,12 @@ class NavigationContext(Protocol):
         """The dock of the marker that a docked robot with this pose faces.
 
         Raises NavigationError with DOCK_NOT_VALID.
+        """
+        ...
+
+    def time_ns(self) -> int:
+        """Time of this step, by the clock of the sensors: that of a task stands still while it is
+        held.
         """
         ...
 

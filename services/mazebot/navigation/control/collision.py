@@ -103,8 +103,9 @@ def first_contact_s(around: Surroundings, velocity: Velocity, horizon_s: float) 
         float(horizon_s),
         MAP_SLACK_M,
     )
-    if around.forbidden is not None:
-        on_map_s = min(on_map_s, _first_entry_s(around, around.forbidden, velocity, horizon_s))
+    entry = first_entry(around, velocity, horizon_s)
+    if entry is not None:
+        on_map_s = min(on_map_s, entry[0])
     if not len(around.echoes_m) or velocity == STOP:
         return float(on_map_s)
     contacts_s = np.empty(len(around.echoes_m))
@@ -123,15 +124,19 @@ def first_contact_s(around: Surroundings, velocity: Velocity, horizon_s: float) 
     return float(min(on_map_s, np.sort(contacts_s)[max(around.min_echoes, 1) - 1]))
 
 
-def _first_entry_s(
-    around: Surroundings, forbidden: Mask, velocity: Velocity, horizon_s: float
-) -> float:
-    """Time until base_footprint enters a forbidden cell; inf if it does not, or is in one."""
-    frame, pose = around.costmap.frame, around.map_from_base
+def first_entry(
+    around: Surroundings, velocity: Velocity, horizon_s: float
+) -> tuple[float, tuple[int, int]] | None:
+    """Time until base_footprint enters a forbidden cell at a constant velocity, and the row and
+    column of that; None if it does not within the horizon, or is in one.
+    """
+    frame, pose, forbidden = around.costmap.frame, around.map_from_base, around.forbidden
+    if forbidden is None:
+        return None
     here = frame.cell(pose.x_m, pose.y_m)
     v, w = velocity
     if v == 0.0 or (here is not None and forbidden[here]):
-        return math.inf
+        return None
     steps = math.ceil(abs(v) * horizon_s / (_STEP_CELLS * frame.resolution_m)) + 1
     times_s = horizon_s * np.arange(1, steps + 1) / steps
     # Along a chord: as long as the arc times sin(x) / x, at half its turn.
@@ -146,4 +151,7 @@ def _first_entry_s(
     rows = np.floor(row + chord_m * s / frame.resolution_m).astype(np.int64)
     inside = (rows >= 0) & (rows < frame.rows) & (columns >= 0) & (columns < frame.columns)
     entered = inside & forbidden[rows.clip(0, frame.rows - 1), columns.clip(0, frame.columns - 1)]
-    return float(times_s[np.argmax(entered)]) if entered.any() else math.inf
+    if not entered.any():
+        return None
+    first = np.argmax(entered)
+    return float(times_s[first]), (int(rows[first]), int(columns[first]))

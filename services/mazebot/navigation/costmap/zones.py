@@ -82,8 +82,10 @@ class Zones:
     def keepout_at(self, x_m: float, y_m: float) -> str | None:
         """The name of the keepout zone at a place; None: it may be driven to."""
         cell = self.frame.cell(x_m, y_m)
-        if cell is None:
-            return None
+        return None if cell is None else self.keepout_in(cell)
+
+    def keepout_in(self, cell: tuple[int, int]) -> str | None:
+        """The name of the keepout zone in a cell, row and column; None: it may be driven to."""
         return next((name for name, where in self.names if where[cell]), None)
 
     def keepout_near(self, x_m: float, y_m: float, reach_m: float) -> str | None:

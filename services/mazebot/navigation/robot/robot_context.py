@@ -18,7 +18,13 @@ from mazebot.navigation.behavior.context import (
     TrackingFeedback,
 )
 from mazebot.navigation.behavior.docking.docks import Docks
-from mazebot.navigation.control.collision import STOP, Surroundings, Velocity, first_contact_s
+from mazebot.navigation.control.collision import (
+    STOP,
+    Surroundings,
+    Velocity,
+    first_contact_s,
+    first_entry,
+)
 from mazebot.navigation.costmap.footprint import Footprint
 from mazebot.navigation.costmap.layered_costmap import GridFrame, LayeredCostmap, LocalCostmap
 from mazebot.navigation.costmap.zones import Zones
@@ -225,23 +231,39 @@ class RobotContext:
             )  # fmt: skip
         return first_contact_s(self.around(), velocity, _LOOK_AHEAD_S)
 
+    def obstacle(self, velocity: Velocity, seconds: float) -> str:
+        """See NavigationContext."""
+        if self.zones is None or self._view().map_from_base is None:
+            return "obstacle"
+        entry = first_entry(self.around(), velocity, _LOOK_AHEAD_S)
+        if entry is None or entry[0] > seconds:
+            return "obstacle"
+        return self.zones.keepout_in(entry[1]) or "obstacle"
+
     def clear_costmap(self, request: ClearRequest) -> None:
         """See NavigationContext. What the lidar does not show stays: it may be too near to be seen
         again.
         """
-        view = self._view()
-        costmap: LayeredCostmap
-        if request.costmap == "local":
-            costmap, here = self.local_costmap, view.odom_from_base
-        else:
-            costmap, here = self.costmap, self.pose()
-        if request.area == "entirely":
+        costmap = self.local_costmap if request.costmap == "local" else self.costmap
+        middle = self.middle_of(request)
+        if middle is None:
             costmap.clear_scanned()
         elif request.area == "except_region":
-            costmap.clear_except(here, request.reset_distance_m)
+            costmap.clear_except(middle, request.reset_distance_m)
         else:
-            there = request.pose if request.area == "around_pose" else here
-            costmap.clear_around(there or here, request.reset_distance_m)
+            costmap.clear_around(middle, request.reset_distance_m)
+
+    def middle_of(self, request: ClearRequest) -> SE2 | None:
+        """The middle of the square that a request clears, in the costmap's frame; None: it clears
+        all.
+
+        Raises NavigationError where it is the robot in the map, which is lost.
+        """
+        if request.area == "entirely":
+            return None
+        if request.area == "around_pose" and request.pose is not None:
+            return request.pose
+        return self._view().odom_from_base if request.costmap == "local" else self.pose()
 
     def selected(self, topic_name: str) -> str | None:
         """See NavigationContext."""
@@ -283,6 +305,10 @@ class RobotContext:
     def dock_at(self, map_from_dock: SE2) -> Dock:
         """See NavigationContext."""
         return self.docks.at(map_from_dock)
+
+    def time_ns(self) -> int:
+        """See NavigationContext."""
+        return self._view().now_ns
 
     def is_localized(self) -> bool:
         """See NavigationContext."""

@@ -85,11 +85,13 @@ class DriveOnHeading(Motion):
         if left_m <= 0.0:
             wanted_m_s = 0.0
         elif not goal.disable_collision_checks:
-            contact_s = at.time_to_collision(Velocity(goal.speed_m_s, 0.0))
+            wanted = Velocity(goal.speed_m_s, 0.0)
+            contact_s = at.time_to_collision(wanted)
             if contact_s <= min(p.simulate_ahead_time, left_m / fastest_m_s):
                 raise NavigationError(
                     self.collision_ahead,
-                    f"{self.name}: obstacle {contact_s * fastest_m_s:.2f} m "
+                    f"{self.name}: {at.obstacle(wanted, contact_s)} "
+                    f"{contact_s * fastest_m_s:.2f} m "
                     f"{'ahead' if sign > 0.0 else 'behind'}",
                 )
         faster = wanted_m_s > self._speed_m_s

@@ -21,6 +21,14 @@ TimeToCollision = Callable[[Velocity], float]
 """Seconds until the robot touches something at a constant velocity; inf: not within the look-ahead.
 """
 
+WhatIsThere = Callable[[Velocity, float], str]
+"""What the robot meets after some seconds at a constant velocity, for messages."""
+
+
+def any_obstacle(_velocity: Velocity, _seconds: float) -> str:
+    """What the robot meets where there are no zones."""
+    return "obstacle"
+
 
 class BehaviorServerParams(Params):
     """Names as in Nav2's behaviors; lower limits where Nav2's exceed those of this robot."""
@@ -77,6 +85,7 @@ class Moment:
     velocity: Velocity
     """By odometry."""
     time_to_collision: TimeToCollision
+    obstacle: WhatIsThere
 
     @property
     def stands(self) -> bool:
@@ -101,6 +110,7 @@ class Motion(ABC):
         odom_from_base: SE2,
         velocity: Velocity,
         time_to_collision: TimeToCollision,
+        obstacle: WhatIsThere = any_obstacle,
     ) -> MotionStep:
         """Advance by one control period, with the velocity that odometry measures.
 
@@ -115,7 +125,7 @@ class Motion(ABC):
         self._last_ns = now_ns
         running_s = (now_ns - self._start_ns) * 1e-9
         return self._advance(
-            Moment(running_s, elapsed_s, odom_from_base, velocity, time_to_collision)
+            Moment(running_s, elapsed_s, odom_from_base, velocity, time_to_collision, obstacle)
         )
 
     @abstractmethod

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from dataclasses import replace
 
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages.error_codes import ErrorCode
-from mazebot.navigation.behavior.context import Dock
+from mazebot.navigation.behavior.context import Dock, MarkerPose
 from mazebot.navigation.behavior.docking.dock_estimate import Expected
 from mazebot.navigation.behavior.docking.docking import (
     LEAST_STAGING_SHARE,
@@ -26,7 +27,7 @@ from mazebot.navigation.behavior.motions.motion import Motion
 from mazebot.navigation.behavior.motions.spin import Spin, SpinGoal, freer_turn_rad
 from mazebot.navigation.behavior.motions.wait import Wait
 from mazebot.navigation.behavior.nodes.nodes_action import ACTION_PORTS, ActionNode
-from mazebot.navigation.control.collision import Velocity
+from mazebot.navigation.control.collision import STOP
 from mazebot.navigation.errors import NavigationError
 
 RUNNING, SUCCESS = NodeStatus.RUNNING, NodeStatus.SUCCESS
@@ -53,6 +54,7 @@ class MotionNode(ActionNode):
             self.context.odom_from_base(),
             self.context.velocity(),
             self.context.time_to_collision,
+            self.context.obstacle,
         )
         if step.done:
             self._cancel()
@@ -194,6 +196,7 @@ class DockRobotNode(ActionNode):
         self._expected = None
         self.put("success", False)
         self.put("num_retries", 0)
+        self.place.run.docking_step = None
         self._dock = self._chosen()
         self._docking = self._with_room(self._dock.map_from_dock)
 
@@ -238,9 +241,7 @@ class DockRobotNode(ActionNode):
     def _on_running(self, now_ns: int) -> NodeStatus:
         run, context = self.place.run, self.context
         if self._docker is None and not self._is_staged(now_ns):
-            run.docking_step = DockingStep(
-                DockState.NAV_TO_STAGING_POSE, Velocity(0.0, 0.0), 0, False
-            )
+            run.docking_step = DockingStep(DockState.NAV_TO_STAGING_POSE, STOP, 0, False)
             return RUNNING
         odom_from_base = context.odom_from_base()
         if self._docker is None:
@@ -254,7 +255,7 @@ class DockRobotNode(ActionNode):
             now_ns,
             run.control_period_s,
             odom_from_base,
-            context.sightings(self._dock.marker_id),
+            self._sightings(now_ns),
             context.time_to_collision,
             self._marker_expected(odom_from_base),
         )
@@ -266,6 +267,14 @@ class DockRobotNode(ActionNode):
             return SUCCESS
         context.drive(step.velocity)
         return RUNNING
+
+    def _sightings(self, now_ns: int) -> tuple[MarkerPose, ...]:
+        """Those of the marker, with stamps by the task's clock, so that their ages hold."""
+        behind_ns = self.context.time_ns() - now_ns
+        return tuple(
+            replace(one, stamp_ns=one.stamp_ns - behind_ns)
+            for one in self.context.sightings(self._dock.marker_id)
+        )
 
     def _marker_expected(self, odom_from_base: SE2) -> Expected | None:
         """Where the marker should be, by the last pose that was known."""
@@ -311,7 +320,11 @@ class DockRobotNode(ActionNode):
         self.context.stop()
 
     def _cancel(self) -> None:
-        self._docker = self.place.run.docking_step = None
+        run = self.place.run
+        if run.docking_step is not None:
+            # The result tells how often it was tried.
+            run.docking_step = replace(run.docking_step, state=DockState.NONE, velocity=STOP)
+        self._docker = None
         self._leave_way()
 
 
