@@ -30,6 +30,7 @@ from mazebot.cli.recordings.group import RecordingsDir, RunName
 from mazebot.cli.replay import command as replay
 from mazebot.cli.stack import commands as stack_commands
 from mazebot.common.config import ConfigError, one_line
+from mazebot.common.files.reading import forget_opened
 from mazebot.common.files.version import mazebot_version
 from mazebot.common.problems import words
 
@@ -68,6 +69,7 @@ def _begin(
     ] = False,
 ) -> None:
     overview(context)
+    forget_opened()
     if context.invoked_subcommand is not None and "--help" not in sys.argv:
         known.check_environment()
 

@@ -13,6 +13,7 @@ import numpy as np
 import typer
 
 from mazebot.cli.parsing.options import Json, print_json
+from mazebot.cli.parsing.outputs import refuse_inputs
 from mazebot.cli.parsing.poses import POSE, given_pose
 from mazebot.common.config import ConfigError
 
@@ -94,6 +95,8 @@ def plan(
         raise ConfigError(f"--draw: {draw}: must end in .png")
     masks = _masks(keepout, speed)
     costmap, footprint = _costmap(map_file, radius, inflation_radius, cost_scaling_factor)
+    if draw is not None:
+        refuse_inputs("--draw", (draw,))
     zones = _zones(costmap.frame, masks)
     params = PlannerParams(
         GridPlannerParams(cost_travel_multiplier=cost_travel_multiplier),

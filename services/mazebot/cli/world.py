@@ -21,6 +21,7 @@ from rich.table import Table
 from mazebot.cli.parsing.command import App
 from mazebot.cli.parsing.completion import world_names
 from mazebot.cli.parsing.options import Json, model_folders, print_json, xacro_arguments
+from mazebot.cli.parsing.outputs import refuse_inputs
 from mazebot.common.config import ConfigError
 from mazebot.common.settings.load import load
 from mazebot.worldgen.config import WorldgenConfig
@@ -262,6 +263,7 @@ def export(
     from mazebot.worldgen.sdf.export import export_world  # noqa: PLC0415
 
     loaded = _loaded(world, overrides, None, None, worlds_dir)
+    refuse_inputs("--out", out.glob("*"))
     file = export_world(loaded, out)
     sys.stdout.write(f"{file}: GZ_SIM_RESOURCE_PATH={out} gz sim {file.name}\n")
 
@@ -288,6 +290,8 @@ def preview(
     model = _writable("--glb", glb, suffix=".glb")
     if plan == model:
         raise ConfigError(f"--glb: {glb}: must be another file than the plan")
+    refuse_inputs("--out", (out,))
+    refuse_inputs("--glb", (glb,))
     _write({plan: plan_png(loaded), model: world_glb(loaded)})
     sys.stdout.write(f"{out}\n{glb}\n")
 

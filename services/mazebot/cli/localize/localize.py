@@ -26,6 +26,7 @@ from mazebot.cli.logs.options import (
 from mazebot.cli.logs.read import read_log
 from mazebot.cli.logs.turned import check_turn
 from mazebot.cli.parsing.options import ROUTER, Connect, Json, print_json
+from mazebot.cli.parsing.outputs import refuse_inputs
 from mazebot.cli.parsing.poses import POSE, given_pose
 from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import SE2
@@ -105,6 +106,8 @@ def localize(
     if draw is not None and not draw.parent.is_dir():
         raise ConfigError(f"--draw: {draw}: {draw.parent} is not a folder")
     log = read_log(log_file, form, Topics(scan_topic, odom_topic))
+    if draw is not None:
+        refuse_inputs("--draw", (draw,))
     for remark in log.remarks():
         sys.stderr.write(f"{log_file}: {remark}\n")
     warn_of_guess(log_file, log)

@@ -29,6 +29,7 @@ from mazebot.cli.logs.turned import check_turn
 from mazebot.cli.map.build_run import reasons, run
 from mazebot.cli.map.relations import RelationErrors, read_relations, relation_errors
 from mazebot.cli.parsing.options import Json, print_json
+from mazebot.cli.parsing.outputs import refuse_inputs
 from mazebot.cli.parsing.patience import say_first
 from mazebot.cli.parsing.poses import given_pose
 from mazebot.common.config import ConfigError
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
 
 MAP, GRAPH = "map", "pose_graph.json"
 TRAJECTORY, TRAJECTORY_TUM = "trajectory.csv", "trajectory.tum"
+_FILES = (f"{MAP}.pgm", f"{MAP}.yaml", GRAPH, TRAJECTORY, TRAJECTORY_TUM)
 _JUMPS_SHOWN = 5
 _MOST_TURN_DISAGREEMENT = 0.6
 """Of good logs: 0.01 to 0.3; of beams in the wrong sense: 1.1 to 2."""
@@ -91,11 +93,16 @@ def build(
     _check_folder(out)
     if draw is not None and not draw.parent.is_dir():
         raise ConfigError(f"--draw: {draw}: {draw.parent} is not a folder")
+    if draw is not None and draw.resolve() in {(out / name).resolve() for name in _FILES}:
+        raise ConfigError(f"--draw: {draw}: is written by --out: must be another file")
     known = None if relations is None else read_relations(relations)
     slam_params = _params(params)
     say_first(f"reading {log_file}", as_json)
     log = read_log(log_file, form, Topics(scan_topic, odom_topic))
     warn_of_guess(log_file, log)
+    refuse_inputs("--out", (out / name for name in _FILES))
+    if draw is not None:
+        refuse_inputs("--draw", (draw,))
     if base_from_scan is None:
         warn_of_place(log_file, log)
     if log.no_returns:

@@ -18,6 +18,7 @@ from PIL import Image, ImageOps
 from mazebot.cli.markers.camera_file import CalibratedCamera, read_camera_file
 from mazebot.cli.markers.markers_drawing import draw_markers
 from mazebot.cli.parsing.options import print_json
+from mazebot.cli.parsing.outputs import refuse_inputs
 from mazebot.common.config import ConfigError
 from mazebot.common.files.images import ImageError, NotAnImageError, open_image
 from mazebot.common.files.reading import NotReadableError, read_limited
@@ -91,6 +92,7 @@ def detect_markers(
         seen.append(
             _Seen(file, picture, markers, {} if markers else unreadable_in_photo(grey, book))
         )
+    refuse_inputs("--draw", outputs)
     for one, output in zip(seen, outputs, strict=False):
         pinhole = camera.camera if camera is not None else None
         _write_picture(output, draw_markers(one.picture, one.markers, pinhole, side_m or 0.0))

@@ -11,6 +11,7 @@ from pathlib import Path
 import typer
 
 from mazebot.cli.parsing.options import print_json
+from mazebot.cli.parsing.outputs import refuse_inputs
 from mazebot.cli.recordings.printing import info_row, print_table, size_text
 from mazebot.common.config import ConfigError
 from mazebot.common.recordings.catalog import RecordingInfo, find_run, list_recordings
@@ -46,6 +47,7 @@ def export_table(runs: Sequence[RecordingInfo], out: Path, goals: bool, as_json:
     if out.suffix not in SUFFIXES:
         raise ConfigError(f"--out: {out}: must end in {', '.join(SUFFIXES)}")
     rows = rows_of(runs, "goals" if goals else "runs")
+    refuse_inputs("--out", (out,))
     write_table(out, rows)
     if as_json:
         print_json({"file": str(out), "rows": len(rows)})

@@ -9,6 +9,9 @@ from typing import BinaryIO
 
 from mazebot.common.files.limits import MAX_UNPACKED_RATIO, MIN_UNPACKED_BYTES
 
+_OPENED: set[tuple[int, int]] = set()
+"""Device and inode of each file that was opened here, for `was_opened`."""
+
 
 class NotReadableError(ValueError):
     """A file that must not be read: a phrase that continues after its name."""
@@ -29,10 +32,26 @@ def open_regular(path: Path) -> BinaryIO:
         if path.exists() and not path.is_file():
             raise NotReadableError("must be a file") from None
         raise
-    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+    found = os.fstat(descriptor)
+    if not stat.S_ISREG(found.st_mode):
         os.close(descriptor)
         raise NotReadableError("must be a file")
+    _OPENED.add((found.st_dev, found.st_ino))
     return os.fdopen(descriptor, "rb")
+
+
+def forget_opened() -> None:
+    """Forget which files were opened: a command begins."""
+    _OPENED.clear()
+
+
+def was_opened(path: Path) -> bool:
+    """Whether the file was opened here since `forget_opened`, under this name or that of a link."""
+    try:
+        found = path.stat()
+    except (OSError, ValueError):
+        return False
+    return (found.st_dev, found.st_ino) in _OPENED
 
 
 def read_limited(path: Path, max_bytes: int) -> bytes:
