@@ -10,10 +10,11 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from PIL import Image
 
 from mazebot.cli.markers.camera_file import read_camera_file
 from mazebot.common.config import ConfigError
-from tests.cli.test_app import mazebot
+from tests.cli.test_app import assert_one_line, mazebot
 from tests.perception.scene import CAMERA, camera_from_marker, project, render
 
 POSE = camera_from_marker(1.5, math.radians(40), 0.05, 0.1)
@@ -81,6 +82,50 @@ def test_what_is_found_is_drawn(here: Path) -> None:
     assert after[y, x, 1] > 150 > after[y, x, 2]
     assert mazebot("markers", "detect", "wall.png", "blank.png", "--draw", "both").returncode == 0
     assert {file.name for file in Path("both").iterdir()} == {"wall.png", "blank.png"}
+
+
+def test_no_picture_is_drawn_over_one_that_is_read(here: Path) -> None:
+    before = Path("wall.png").read_bytes()
+    Path("link.png").symlink_to("wall.png")
+    Path("twin.png").hardlink_to("wall.png")
+    for outputs in ("wall.png", "link.png", "twin.png", "."):
+        assert_one_line(
+            mazebot("markers", "detect", "wall.png", "--draw", outputs), "--draw", "reads"
+        )
+    assert_one_line(
+        mazebot("markers", "detect", "blank.png", "link.png", "--draw", str(here)), "--draw"
+    )
+    assert Path("wall.png").read_bytes() == before
+    assert mazebot("markers", "detect", "wall.png", "--draw", "new.png").returncode == 0
+    # What an earlier command has written may be written again.
+    assert mazebot("markers", "detect", "wall.png", "--draw", "new.png").returncode == 0
+
+
+def test_pictures_that_are_transparent_or_of_any_range_are_read(here: Path) -> None:
+    grey = np.asarray(cv2.imread("wall.png", cv2.IMREAD_GRAYSCALE), np.uint8)
+    ink = np.zeros_like(grey)
+    marker = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_100).generateImageMarker(60, 160)
+    ink[100:260, 100:260] = 255 - marker
+    black = np.zeros_like(ink)
+    cv2.imwrite("ink.png", np.dstack([black, black, black, ink]))
+    cv2.imwrite("hidden.png", np.dstack([grey, grey, grey, black]))
+    palette = Image.fromarray(ink // 255).convert("P")
+    palette.putpalette([0] * 6)
+    palette.save("palette.png", transparency=0)
+    share = grey.astype(np.float32) / 255.0
+    share[:2, :5] = np.nan
+    Image.fromarray(share).save("share.tiff")
+    share[:2, :5] = 1e6
+    Image.fromarray(share).save("glare.tiff")
+    cv2.imwrite("ten_bits.png", grey.astype(np.uint16) * 4)
+    cv2.imwrite("deep.pgm", grey.astype(np.uint16) * 257)
+    files = (
+        "ink.png", "hidden.png", "palette.png", "share.tiff", "glare.tiff", "ten_bits.png",
+        "deep.pgm",
+    )  # fmt: skip
+    told = mazebot("markers", "detect", *files).stdout.splitlines()
+    for line, file in zip(told, files, strict=True):
+        assert line.startswith(f"{file}: id 60")
 
 
 def test_pictures_of_other_kinds_are_read(here: Path) -> None:

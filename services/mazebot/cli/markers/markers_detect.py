@@ -174,7 +174,10 @@ def read_picture(file: Path) -> Picture:
         with open_image(data, FORMATS) as picture:
             rgb = _eight_bits(ImageOps.exif_transpose(picture))
     except NotAnImageError as error:
-        raise ConfigError(f"{file}: is not an image: must be {', '.join(FORMATS)}") from error
+        raise ConfigError(
+            f"{file}: is not an image, or of a kind that cannot be read: must be "
+            f"{', '.join(FORMATS)}"
+        ) from error
     except ImageError as error:
         raise ConfigError(f"{file}: {error}") from error
     except (OSError, SyntaxError, ValueError, EOFError) as error:
@@ -183,11 +186,29 @@ def read_picture(file: Path) -> Picture:
 
 
 def _eight_bits(picture: Image.Image) -> Picture:
-    """(height, width, 3) RGB of any mode."""
-    if picture.mode.startswith("I;16"):
-        grey = (np.asarray(picture) >> 8).astype(np.uint8)
-        return np.repeat(grey[..., None], 3, axis=2)
+    """(height, width, 3) RGB of any mode, on white where it is transparent."""
+    if picture.mode[0] in "IF":
+        return np.repeat(_scaled(np.asarray(picture, np.float64))[..., None], 3, axis=2)
+    if picture.has_transparency_data:
+        seen = picture.convert("RGBA")
+        # One that hides everything says nothing.
+        if seen.getextrema()[3][1] > 0:
+            picture = Image.alpha_composite(Image.new("RGBA", seen.size, "white"), seen)
     return np.asarray(picture.convert("RGB"), np.uint8)
+
+
+def _scaled(grey: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """Brightness of any range, as of 0 to 1, or of 12 bits in 16, by what is in the picture; a few
+    brightest and darkest pixels do not count. NaN is black.
+    """
+    finite = grey[np.isfinite(grey)]
+    if not len(finite):
+        raise ValueError("has no finite values")
+    low, high = np.percentile(finite, (0.1, 99.9)).tolist()
+    if low == high:
+        low, high = float(finite.min()), float(finite.max())
+    share = (np.nan_to_num(grey, nan=low, posinf=high, neginf=low) - low) / (high - low or 1.0)
+    return np.asarray(np.rint(share.clip(0.0, 1.0) * 255.0), np.uint8)
 
 
 def _write_picture(file: Path, picture: Picture) -> None:
