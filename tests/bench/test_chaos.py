@@ -87,7 +87,7 @@ def test_one_that_is_told_to_end_ends_its_stack_and_says_no_more(tmp_path: Path)
         run.send_signal(signal.SIGTERM)
         assert run.stderr is not None
         assert run.stderr.read() == "starting the stack\n"
-    assert run.returncode == 130
+    assert run.returncode == 128 + signal.SIGTERM
     wait_until(lambda: not services_in(tmp_path), 30.0)
 
 

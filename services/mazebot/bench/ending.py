@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import signal
 import sys
 from collections.abc import Callable, Sequence
 from typing import NoReturn
 
-_INTERRUPTED = 130
-"""As shells have it."""
+from mazebot.common.stop_signals import exit_code_of, interrupt_on_stop
 
 
 def run(main: Callable[[Sequence[str]], int]) -> NoReturn:
-    """Run `main` with the arguments of the command line; Ctrl-C and SIGTERM end what it has
-    started, too, and say no more.
+    """Run `main` with the arguments of the command line; a stop signal ends what it has
+    started, too, and says no more.
     """
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    stops: list[int] = []
+    interrupt_on_stop(stops)
     try:
         code = main(sys.argv[1:])
     except KeyboardInterrupt:
-        code = _INTERRUPTED
+        code = exit_code_of(stops)
     sys.exit(code)

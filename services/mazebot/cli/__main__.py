@@ -6,18 +6,14 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
-from types import FrameType
 from typing import NoReturn
 
 from mazebot.cli.output import OutputError, finish_output, give_up_output, open_output
 from mazebot.cli.parsing.patience import patience
-from mazebot.common.stop_signals import on_stop
+from mazebot.common.stop_signals import INTERRUPTED, exit_code_of, interrupt_on_stop
 
 GROUPS = ("topic", "recordings", "world", "map", "markers", "sim", "keys", "security")
 _NOT_WRITTEN = 2
-_INTERRUPTED = 130
-_SIGNALED = 128
-"""As shells have both: by Ctrl-C, and what is added to another signal's number."""
 
 
 def named(arguments: Sequence[str]) -> str:
@@ -47,18 +43,13 @@ def main() -> NoReturn:
 def _run() -> str | int | None:
     """Run the command and return its exit code."""
     stops: list[int] = []
-
-    def stop(number: int, frame: FrameType | None) -> None:
-        """As Ctrl-C: a goal is canceled, a file is closed."""
-        stops.append(number)
-        signal.default_int_handler(number, frame)
-
-    for number, before in on_stop(stop).items():
+    # As Ctrl-C: a goal is canceled, a file is closed.
+    for number, before in interrupt_on_stop(stops).items():
         # A shell has its background jobs ignore Ctrl-C.
         if before is signal.SIG_IGN:
             signal.signal(number, before)
     code = _interruptible()
-    return _SIGNALED + stops[0] if stops and code == _INTERRUPTED else code
+    return exit_code_of(stops) if code == INTERRUPTED else code
 
 
 def _interruptible() -> str | int | None:
@@ -69,7 +60,7 @@ def _interruptible() -> str | int | None:
             app.main()
     except KeyboardInterrupt:
         # While it was loaded.
-        return _INTERRUPTED
+        return INTERRUPTED
     except SystemExit as ended:
         return ended.code
 

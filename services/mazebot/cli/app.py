@@ -33,6 +33,7 @@ from mazebot.common.config import ConfigError, one_line
 from mazebot.common.files.reading import forget_opened
 from mazebot.common.files.version import mazebot_version
 from mazebot.common.problems import words
+from mazebot.common.stop_signals import INTERRUPTED
 
 app = App(
     name="mazebot",
@@ -299,7 +300,7 @@ def main() -> NoReturn:
     except ConfigError as error:
         code = _told(words(error), error.details)
     except (KeyboardInterrupt, typer.Abort):
-        code = 130
+        code = INTERRUPTED
     except BrokenPipeError:
         code = 0
     sys.exit(code if isinstance(code, int) else 0)

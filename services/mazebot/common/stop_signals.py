@@ -6,7 +6,7 @@ import contextlib
 import os
 import signal
 import stat
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from types import FrameType
 from typing import Any
 
@@ -15,6 +15,9 @@ Handler = Callable[[int, FrameType | None], object]
 # Windows has no SIGHUP.
 _NAMES = ("SIGINT", "SIGTERM", "SIGHUP")
 _OUTPUTS = (1, 2)
+_SIGNALED = 128
+INTERRUPTED = _SIGNALED + signal.SIGINT
+"""Exit code of a command that Ctrl-C has stopped, as shells have it."""
 
 
 def stop_signals() -> tuple[signal.Signals, ...]:
@@ -37,6 +40,25 @@ def on_stop(handler: Handler) -> dict[signal.Signals, Any]:
         handler(number, frame)
 
     return {number: signal.signal(number, handle) for number in stop_signals()}
+
+
+def interrupt_on_stop(stops: list[int]) -> dict[signal.Signals, Any]:
+    """Have each stop signal raise KeyboardInterrupt, as Ctrl-C does, and put its number into a
+    list; returns as `on_stop`.
+    """
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        stops.append(number)
+        signal.default_int_handler(number, frame)
+
+    return on_stop(stop)
+
+
+def exit_code_of(stops: Sequence[int]) -> int:
+    """Exit code of a command after stop signals, as shells have it: 128 and the first one's
+    number; without any, that of Ctrl-C.
+    """
+    return _SIGNALED + (stops[0] if stops else signal.SIGINT)
 
 
 @contextlib.contextmanager

@@ -11,6 +11,7 @@ from mazebot.common.bus.pace import Pace
 from mazebot.common.config import ConfigError
 from mazebot.common.node.executive import Executive
 from mazebot.common.node.node import ClockNode, Node
+from mazebot.common.own_command import own_command
 from mazebot.console.config import ConsoleConfig
 from mazebot.console.live.routes import live_routes
 from mazebot.console.server import build_app
@@ -22,7 +23,6 @@ SERVED = "console: "
 """Before the address in the log message."""
 _LOG = logging.getLogger("console")
 _IDLE_S = 0.02
-_HOW_TO_START = ".venv/bin/mazebot demo --console"
 
 
 class BusBeside(Protocol):
@@ -50,7 +50,7 @@ class Beside:
         self.robot = MemoryRobot(self.transport)
         self._server: ConsoleServer | None = None
         if config is not None:
-            routes = live_routes(self.robot, _HOW_TO_START)
+            routes = live_routes(self.robot, own_command("demo", "--console"))
             self._server = ConsoleServer(build_app(config, routes), config)
         try:
             self._bus = None if open_bus is None else open_bus()

@@ -24,9 +24,10 @@ from mazebot.common.garbage import settled
 from mazebot.common.node import log
 from mazebot.common.node.executive import Executive, MemoryTransport, StalledError
 from mazebot.common.node.node import Node
+from mazebot.common.own_command import own_command
 from mazebot.common.recordings.run_folder import TO_COMPRESS
 from mazebot.common.settings.load import config_flag, load, world_hash_of_run
-from mazebot.common.stop_signals import stopped_by
+from mazebot.common.stop_signals import exit_code_of, stopped_by
 from mazebot.common.world.map_files import read_map
 from mazebot.embedded.compile_progress import CompileProgress
 from mazebot.embedded.compiling import CompilingStoppedError, compiled_side_by_side
@@ -54,7 +55,6 @@ if TYPE_CHECKING:
 
 C = TypeVar("C", bound=ServiceConfig)
 
-EXIT_INTERRUPTED = 130
 _LOG = logging.getLogger("demo")
 
 FIRST_STEP = "the simulation runs"
@@ -336,7 +336,7 @@ def run(options: DemoOptions) -> int:
             return _run(options, loaded, beside, console, rosout, stopped)
         except CompilingStoppedError:
             console.print("interrupted")
-            return EXIT_INTERRUPTED
+            return exit_code_of(stopped)
 
 
 def _beside(options: DemoOptions) -> Beside | None:
@@ -415,13 +415,13 @@ def _run(
             raise ConfigError(str(error)) from error
         finally:
             executive.close()
+    ended = exit_code_of(stopped) if code is None else code
     if bringup.recording:
         folder = Path(bringup.recording)
-        _print_json(folder, code) if options.as_json else _print_summary(console, folder)
+        _print_json(folder, ended) if options.as_json else _print_summary(console, folder)
     if code is None:
         console.print("interrupted; recording closed")
-        return EXIT_INTERRUPTED
-    return code
+    return ended
 
 
 def _doing(bringup: BringupNode) -> tuple[int, int, str]:
@@ -434,10 +434,10 @@ def _doing(bringup: BringupNode) -> tuple[int, int, str]:
     return round(100.0 * status.seen_share), 100, f"{status.state}, {frontiers}"
 
 
-def _print_json(folder: Path, code: int | None) -> None:
+def _print_json(folder: Path, code: int) -> None:
     """Print the run's summary, with its folder and the exit code, as one JSON object."""
     summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-    result = {"folder": str(folder), "exit_code": EXIT_INTERRUPTED if code is None else code}
+    result = {"folder": str(folder), "exit_code": code}
     sys.stdout.write(json.dumps(result | summary, indent=2, allow_nan=False) + "\n")
 
 
@@ -454,14 +454,14 @@ def _print_summary(console: Console, folder: Path) -> None:
     if (folder / "run.rrd").is_file():
         lines += [
             f"recording: {folder / 'run.rrd'}",
-            f"view it:   .venv/bin/mazebot recordings view {folder}",
+            f"view it:   {own_command('recordings', 'view', folder)}",
         ]
     if (folder / TO_COMPRESS).exists():
         if console.is_terminal:
             start(folder)
             lines.append("compressing its images to a video in the background")
         else:
-            lines.append(f"compress it: .venv/bin/mazebot recordings compress {folder}")
+            lines.append(f"compress it: {own_command('recordings', 'compress', folder)}")
     console.print("\n".join(lines), markup=False, highlight=False)
 
 

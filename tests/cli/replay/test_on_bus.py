@@ -158,13 +158,16 @@ def test_a_router_with_a_simulation_or_a_service_of_the_run_is_refused(
     session.close()  # type: ignore[no-untyped-call]
 
 
-def test_ctrl_c_ends_it_with_one_line(run_folder: Path, endpoint: str) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_what_stops_it_ends_it_with_one_line(
+    run_folder: Path, endpoint: str, number: signal.Signals
+) -> None:
     with heard(endpoint) as got:
         process = process_of("mazebot.cli", "replay", str(run_folder), "--loop", endpoint=endpoint)
         wait_for(lambda: Counter(name for name, _, _ in got)["/clock"] > 3)
-        process.send_signal(signal.SIGINT)
+        process.send_signal(number)
         out, _ = process.communicate(timeout=DEADLINE_S)
-    assert process.returncode == 130
+    assert process.returncode == 128 + number
     assert "Traceback" not in out
     assert "interrupted\npublished" in out
 

@@ -188,7 +188,8 @@ def test_some_services_are_started_listed_and_ended(port: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.timeout(180)
-def test_ctrl_c_ends_all(port: str) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_what_stops_the_command_ends_all(port: str, number: signal.Signals) -> None:
     command = ["-m", "mazebot.cli", "up", "--only", "worldgen", "--router-port", port]
     with subprocess.Popen([sys.executable, *command], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
@@ -197,9 +198,9 @@ def test_ctrl_c_ends_all(port: str) -> None:
         for line in process.stdout:
             if "waiting for a world request" in line:
                 break
-        process.send_signal(signal.SIGINT)
+        process.send_signal(number)
         rest = process.stdout.read()
-        assert process.wait(20.0) == 130
+        assert process.wait(20.0) == 128 + number
     assert rest.endswith("ending the services\n2 services ended\n")
     wait_until(lambda: StackFolder(int(port)).running() is None)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 from collections.abc import Collection
 from importlib import import_module
 from pathlib import Path
@@ -52,7 +53,7 @@ def check_not_for_make(given: Collection[str], reads: Collection[str] = ()) -> N
                 continue
             must = "a run in one process always runs in lockstep, as fast as possible"
         else:
-            must = f"must be given as {instead.format(value, value)}"
+            must = f"must be given as {instead.format(shlex.quote(value), shlex.quote(value))}"
         raise ConfigError(f"{name}: {value!r:.60}: only used by make and Compose: {must}")
 
 

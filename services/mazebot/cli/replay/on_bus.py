@@ -29,8 +29,8 @@ from mazebot.common.config import ConfigError
 from mazebot.common.messages.keys import Keys
 from mazebot.common.messages.topics import CLOCK, EDGE, SERVICES, Delivery
 from mazebot.common.settings.load import load
+from mazebot.common.stop_signals import INTERRUPTED
 
-EXIT_INTERRUPTED = 130
 _SLEEP_S = 0.05
 _FIRST_STEP_NS = 50_000_000
 """Simulation time within which every service has stepped that does so periodically."""
@@ -121,7 +121,7 @@ def publish_recording(
                     break
     except KeyboardInterrupt:
         _say("interrupted", as_json)
-        code = EXIT_INTERRUPTED
+        code = INTERRUPTED
     finally:
         session.close()  # type: ignore[no-untyped-call]
     for line in recording.lines_of_unfit():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import sys
 import time
 from pathlib import Path
@@ -25,7 +24,6 @@ if TYPE_CHECKING:
     from mazebot.cli.parsing.command import App
     from mazebot.cli.stack.state import StackFolder, StackState
 
-_INTERRUPTED = 130
 _ACTIVE_S = 180.0
 """Time for the services to become active."""
 _OTHERS_S, _LATER_S = 20.0, 3.0
@@ -117,7 +115,11 @@ def up(
     from mazebot.cli.stack.control import refuse_second, start  # noqa: PLC0415
     from mazebot.cli.stack.plan import StackOptions, plan_of, service_names  # noqa: PLC0415
     from mazebot.cli.stack.state import StackFolder  # noqa: PLC0415
-    from mazebot.common.stop_signals import on_stop  # noqa: PLC0415
+    from mazebot.common.stop_signals import (  # noqa: PLC0415
+        exit_code_of,
+        interrupt_on_stop,
+        on_stop,
+    )
 
     folder = StackFolder(router_port(port))
     refuse_second(folder)
@@ -143,7 +145,8 @@ def up(
         _say(f"left out, as they run on {connect} already: {', '.join(plan.left_out)}")
     _compile_kernels()
     # What ends the command from now on ends the stack.
-    on_stop(signal.default_int_handler)
+    stops: list[int] = []
+    interrupt_on_stop(stops)
     try:
         state = start(plan, folder)
         _say(
@@ -155,7 +158,7 @@ def up(
         on_stop(lambda *_: None)
         _say("ending the services")
         _end(folder)
-        code = _INTERRUPTED
+        code = exit_code_of(stops)
     raise typer.Exit(code)
 
 
