@@ -80,10 +80,10 @@ def main(config_type: type[C], node_type: Callable[[C], Node]) -> NoReturn:
     name: str = node_type.name  # type: ignore[attr-defined]
     stop = threading.Event()
     on_stop(lambda *_: stop.set())
+    rosout = log.configure()
     try:
         config = load(config_type, name, sys.argv[1:])
         bus_config = load(BusConfig, "bus", [])
-        rosout = log.configure()
         node = node_type(config)
         node.prepare()
     except ConfigError as error:

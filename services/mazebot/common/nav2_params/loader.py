@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from mazebot.common.config import ConfigError
@@ -16,7 +17,8 @@ from mazebot.common.nav2_params.parameter_tree import tree_of
 from mazebot.common.nav2_params.renames import NODE_RENAMES
 from mazebot.common.nav2_params.tables.nodes import NODES
 from mazebot.common.nav2_params.today import class_of_today, rename_entries
-from mazebot.common.nav2_params.yaml_leaves import read_leaves
+from mazebot.common.nav2_params.wildcards import chosen, claims_of
+from mazebot.common.nav2_params.yaml_leaves import Leaf, is_pattern, read_leaves
 
 _MOST_PROBLEMS = 4
 _SUBSTITUTION = re.compile(r"\$\(|^(KEEPOUT|SPEED)_ZONE_ENABLED$")
@@ -31,7 +33,8 @@ class Nav2Params:
     name: str
     """The file's name."""
     entries: tuple[Entry, ...]
-    """One for each leaf of the file, in its order."""
+    """One for each leaf of the file, in its order; of a leaf below a wildcard such as `/**`, one
+    for each node that takes it."""
     tree: Mapping[str, Mapping[str, Value]]
     """For each node of the file all its parameters under today's names, nested as in the file:
     Nav2's own defaults, and over them the values of the file."""
@@ -46,22 +49,10 @@ def load_nav2_params(text: str, name: str) -> Nav2Params:
     Raises ConfigError in one line, with file, line, parameter, value and what would be right.
     """
     leaves, replaced = read_leaves(text, name)
-    before = {(leaf.node, leaf.name): leaf for leaf in replaced}
-    nodes: dict[str, NodeEntries] = {}
-    for leaf in leaves:
-        owner, until = NODE_RENAMES.get(leaf.node, (leaf.node, ""))
-        notes = [f"{leaf.node} up to {until}"] if until else []
-        first = before.get((leaf.node, leaf.name))
-        if first is not None:
-            notes.append(f"duplicate of line {first.line}, {first.value!r:.40}: the last is used")
-        notes += [leaf.repeated] if leaf.repeated else []
-        entry = Entry(
-            leaf, owner, leaf.name, class_of_today(leaf), "parameter",
-            renamed=bool(until), note="; ".join(notes),
-        )  # fmt: skip
-        nodes.setdefault(owner, NodeEntries()).entries.append(entry)
+    nodes = _nodes(leaves, replaced)
     problems: list[str] = []
-    entries: dict[tuple[str, str], Entry] = {}
+    of_leaf: dict[tuple[str, str], list[Entry]] = {(leaf.node, leaf.name): [] for leaf in leaves}
+    known_of: dict[str, list[Entry]] = {}
     for node_name, node in nodes.items():
         rename_entries(node_name, node)
         values = node.values
@@ -72,14 +63,64 @@ def load_nav2_params(text: str, name: str) -> Nav2Params:
             except ValueError as error:
                 where = f"{name}:{entry.leaf.line}: {entry.full_name}"
                 problems.append(f"{where}: {entry.leaf.value!r:.60}: {error}")
-            entries[entry.leaf.node, entry.leaf.name] = found
-    tree = {} if problems else {one: tree_of(one, node, entries) for one, node in nodes.items()}
-    problems += contradictions(name, tree, entries.values())
+            known_of.setdefault(node_name, []).append(found)
+            of_leaf[entry.leaf.node, entry.leaf.name].append(found)
+    entries = [entry for leaf in leaves for entry in _told(leaf, of_leaf[leaf.node, leaf.name])]
+    tree = {}
+    for node_name, node in nodes.items() if not problems else ():
+        of_node = _kept(node, known_of[node_name])
+        if node.entries:
+            tree[node_name] = tree_of(node_name, node, of_node)
+    problems += contradictions(name, tree, entries)
     if problems:
         more = len(problems) - _MOST_PROBLEMS
         text = "; ".join(problems[:_MOST_PROBLEMS])
         raise ConfigError(text + (f"; and {more} more" if more > 0 else ""))
-    return Nav2Params(name, tuple(entries[leaf.node, leaf.name] for leaf in leaves), tree)
+    return Nav2Params(name, tuple(entries), tree)
+
+
+def _nodes(leaves: Sequence[Leaf], replaced: Sequence[Leaf]) -> dict[str, NodeEntries]:
+    """The parameters of the file by their node's name of today."""
+    before = {(leaf.node, leaf.name): leaf for leaf in replaced}
+    nodes: dict[str, NodeEntries] = {}
+    for claim in claims_of(leaves):
+        leaf = claim.leaf
+        _, until = NODE_RENAMES.get(leaf.node, ("", ""))
+        notes = [f"{leaf.node} up to {until}"] if until else []
+        if is_pattern(leaf.node) and claim.node != leaf.node:
+            notes.append(f"of {claim.node}")
+        first = before.get((leaf.node, leaf.name))
+        if first is not None:
+            notes.append(f"duplicate of line {first.line}, {first.value!r:.40}: the last is used")
+        notes += [note for note in (leaf.repeated, claim.lost) if note]
+        entry = Entry(
+            leaf, claim.node, leaf.name, class_of_today(leaf),
+            "gone" if claim.lost else "parameter", renamed=bool(until), note="; ".join(notes),
+        )  # fmt: skip
+        nodes.setdefault(claim.node, NodeEntries()).entries.append(entry)
+    return nodes
+
+
+def _told(leaf: Leaf, entries: Sequence[Entry]) -> Sequence[Entry]:
+    """What is told of a parameter: of one below a wildcard, what the nodes that have it make of
+    it.
+    """
+    if not is_pattern(leaf.node):
+        return entries
+    unknown = Entry(leaf, leaf.node, leaf.name, leaf.value, "parameter")
+    return chosen(entries, known(unknown, None, {}))
+
+
+def _kept(node: NodeEntries, entries: Sequence[Entry]) -> list[Entry]:
+    """The entries of a node, of which those of sections with wildcards are taken out of the node
+    again that it does not have.
+    """
+    kept = [
+        entry.knowledge != "unknown" or not is_pattern(entry.leaf.node) or is_pattern(entry.node)
+        for entry in entries
+    ]
+    node.entries = list(itertools.compress(node.entries, kept))
+    return list(itertools.compress(entries, kept))
 
 
 def _typed(entry: Entry) -> Entry:

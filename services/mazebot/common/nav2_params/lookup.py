@@ -19,7 +19,7 @@ from mazebot.common.nav2_params.observation_sources import lidars, why_not_taken
 from mazebot.common.nav2_params.parameter import OWN_NAME, Group, Namespace, Value
 from mazebot.common.nav2_params.tables.every_node import EVERY_NODE, PREFIXES
 from mazebot.common.nav2_params.tables.nodes import NODES
-from mazebot.common.nav2_params.yaml_leaves import WILDCARD
+from mazebot.common.nav2_params.yaml_leaves import is_pattern
 
 _MOST_HOMES = 2
 
@@ -34,8 +34,8 @@ def known(entry: Entry, node: Namespace | None, values: Mapping[str, Value]) -> 
     if entry.name.startswith(PREFIXES):
         return _unread(entry, "read by ROS 2 itself")
     if node is None:
-        if entry.node == WILDCARD:
-            note = "is not a parameter of all nodes: must be below its node"
+        if is_pattern(entry.node):
+            note = f"no node of Nav2 that matches has such a parameter{_home(entry)}"
         else:
             near = get_close_matches(entry.node, NODES, 1, 0.7)
             note = "not a node of Nav2"

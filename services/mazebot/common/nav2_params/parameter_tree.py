@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 from mazebot.common.nav2_params.entry import Entry, NodeEntries, child_of, kind_of, listed_names
 from mazebot.common.nav2_params.parameter import Namespace, Value
 from mazebot.common.nav2_params.tables.nodes import NODES
 
 
-def tree_of(
-    name: str, node: NodeEntries, entries: Mapping[tuple[str, str], Entry]
-) -> Mapping[str, Value]:
-    """The parameters of a node, nested: Nav2's defaults, and over them the file's values."""
+def tree_of(name: str, node: NodeEntries, entries: Sequence[Entry]) -> Mapping[str, Value]:
+    """The parameters of a node, nested: Nav2's defaults, and over them the file's values.
+
+    `entries` are those of the node with what is known of each.
+    """
     tree: dict[str, Value] = {}
     if name in NODES:
         for path, value in _defaults(NODES[name], "", node.values):
             _put(tree, path, value)
-    for before in node.entries:
-        entry = entries[before.leaf.node, before.leaf.name]
+    for before, entry in zip(node.entries, entries, strict=True):
         if entry.knowledge != "gone" and entry.value is not None:
             _put(tree, entry.name, before.value if entry.knowledge == "plugin" else entry.value)
     return tree

@@ -7,12 +7,23 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from pydantic.fields import FieldInfo
+
 from mazebot.common.config import ConfigError, put_value, value_of
 from mazebot.common.nav2_params.entry import Entry, joined_notes
 from mazebot.common.nav2_params.loader import Nav2Params
 from mazebot.common.nav2_params.parameter import OWN_NAME, Group, Value
 from mazebot.common.nav2_params.tables.nodes import NODES
-from mazebot.common.nav2_params.targets import CONVERSIONS, Models, problems_of, setting, valid_for
+from mazebot.common.nav2_params.targets import (
+    CONVERSIONS,
+    NOT_TAKEN,
+    SAME_MEANING,
+    Models,
+    nearest,
+    problems_of,
+    setting,
+    valid_for,
+)
 
 Status = Literal["used", "mapped", "unsupported", "unknown"]
 STATUSES: tuple[Status, ...] = ("used", "mapped", "unsupported", "unknown")
@@ -35,6 +46,10 @@ class Row:
     line: int
     now: str
     """Node and parameter under today's names."""
+    section: str
+    """The section of our settings for its node; "" where there is none."""
+    differs: bool = False
+    """Whether another value than the file's counts here where this parameter means something."""
 
 
 @dataclass(frozen=True)
@@ -56,17 +71,18 @@ class Report:
 def report(params: Nav2Params, models: Models) -> Report:
     """Say what becomes of each parameter, where `models` are the sections of our settings.
 
-    A parameter whose setting does not exist, or does not take the value, is unsupported.
+    A parameter whose setting does not exist is unsupported. Where Nav2 takes a value that our
+    setting does not, the nearest one counts.
 
-    Raises ConfigError in one line where the settings of a zone do not take its values: another
-    zone would be left.
+    Raises ConfigError in one line where a setting takes no value near to that of the file, or the
+    settings of a zone do not take its values: another zone would be left.
     """
     settings: dict[str, dict[str, Value]] = {}
     owners: dict[str, tuple[Value, str]] = {}
     entries = params.entries
     # The lists first: the switch of one that is listed may be off.
     order = sorted(range(len(entries)), key=lambda at: not _is_switch(entries[at]))
-    done = {at: _row(entries[at], models, settings, owners) for at in order}
+    done = {at: _row(params.name, entries[at], models, settings, owners) for at in order}
     rows = [done[at] for at in range(len(entries))]
     for entry in entries:
         _put_in_order(entry, models, settings)
@@ -141,6 +157,7 @@ def _check_wholes(
 
 
 def _row(
+    file: str,
     entry: Entry,
     models: Models,
     settings: dict[str, dict[str, Value]],
@@ -149,7 +166,7 @@ def _row(
     row = Row(
         entry.leaf.node, entry.leaf.name, entry.leaf.value,
         "unknown" if entry.knowledge == "unknown" else "unsupported",
-        "", entry.note, entry.leaf.line, f"{entry.node}.{entry.name}",
+        "", entry.note, entry.leaf.line, f"{entry.node}.{entry.name}", _section(entry),
     )  # fmt: skip
     if entry.group is not None and _is_switch(entry):
         return _switched(entry, entry.group, row, models, settings)
@@ -177,18 +194,44 @@ def _row(
         return dataclasses.replace(
             row, status=status, setting=path, note=joined_notes(row.note, note)
         )
-    whole = entry.parameter is not None and entry.parameter.whole
-    problem = "" if whole else valid_for(field, converted)
-    if problem:
-        note = joined_notes(row.note, f"{path} {problem}")
-        return dataclasses.replace(row, note=note)
-    before = owners.setdefault(path, (converted, row.now))
-    if before[0] != converted:
+    if converted is NOT_TAKEN:
+        note = joined_notes(row.note, f"{path} does not take this value: its own one counts")
+        return dataclasses.replace(row, note=note, differs=True)
+    taken, why = converted, ""
+    if entry.parameter is None or not entry.parameter.whole:
+        taken, why = _nearest(file, row, field, converted)
+    before = owners.setdefault(path, (taken, row.now))
+    if before[0] != taken:
         note = joined_notes(row.note, f"{path} is already set by {before[1]}")
-        return dataclasses.replace(row, note=note)
-    put_value(settings, path, converted)
-    note = row.note if converted == value else joined_notes(row.note, f"converted to {converted!r}")
-    return dataclasses.replace(row, status=status, setting=path, note=note)
+        return dataclasses.replace(row, note=note, differs=True)
+    put_value(settings, path, taken)
+    if taken == value:
+        return dataclasses.replace(row, status=status, setting=path)
+    note = joined_notes(row.note, f"converted to {taken!r}{why}")
+    same = entry.parameter is not None and entry.parameter.conversion in SAME_MEANING
+    return dataclasses.replace(
+        row, status="mapped", setting=path, note=note, differs=bool(why) or not same
+    )
+
+
+def _section(entry: Entry) -> str:
+    space = NODES.get(entry.node)
+    return (entry.place or (space.place if space else "")).partition(".")[0]
+
+
+def _nearest(file: str, row: Row, field: FieldInfo, value: Value) -> tuple[Value, str]:
+    """The value, or the nearest one that its setting takes, and why that is.
+
+    Raises ConfigError where there is none.
+    """
+    problem = valid_for(field, value)
+    if not problem:
+        return value, ""
+    taken = nearest(field, value)
+    if valid_for(field, taken):
+        where = f"{file}:{row.line}: {row.node}.{row.parameter}"
+        raise ConfigError(f"{where}: {row.value!r:.60}: {problem}")
+    return taken, f": {problem} here"
 
 
 def _mapping(entry: Entry, models: Models) -> str:
@@ -235,8 +278,9 @@ def _switched(
     where = next(iter(switches.values())).rpartition(".")[0].rpartition(".")[0]
     note = joined_notes(f"{on} of {len(switches)} are on", note)
     return dataclasses.replace(
-        row, status="mapped", setting=f"{where}.*.enabled", note=joined_notes(row.note, note)
-    )
+        row, status="mapped", setting=f"{where}.*.enabled", note=joined_notes(row.note, note),
+        differs=bool(missing),
+    )  # fmt: skip
 
 
 def _setting_of(entry: Entry) -> tuple[str, Value] | None:
@@ -264,7 +308,8 @@ def _as_always(entry: Entry, row: Row) -> Row:
     given = str(entry.value).lower() if isinstance(entry.value, bool) else str(entry.value)
     values = " or ".join(fixed)
     if given.lstrip("/") not in fixed:
-        return dataclasses.replace(row, note=joined_notes(row.note, f"is always {values} here"))
+        note = joined_notes(row.note, f"is always {values} here")
+        return dataclasses.replace(row, note=note, differs=True)
     status: Status = "mapped" if entry.renamed or entry.unresolved else "used"
     return dataclasses.replace(
         row, status=status, note=joined_notes(row.note, "is fixed to this value here")
@@ -291,7 +336,7 @@ def _structure(entry: Entry, row: Row, taken: Iterable[str]) -> Row:
             if str(entry.value) not in entry.group.values:
                 built_in = ", ".join(entry.group.values)
                 note = f"{entry.value} is not supported: must be one of {built_in}"
-                return dataclasses.replace(row, note=note)
+                return dataclasses.replace(row, note=note, differs=True)
         spaces = [f"{entry.node}.{entry.name.removesuffix('plugin')}"]
     else:
         above = entry.name.rpartition(".")[0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from types import MappingProxyType, NoneType
 from typing import Any, Union, get_args, get_origin
@@ -26,12 +27,28 @@ def _within(each: Value, most: float, most_turning: float) -> Value:
     return [min(max(x, -most), most), y, min(max(yaw, -most_turning), most_turning)]
 
 
+NOT_TAKEN = object()
+"""What a conversion makes of a value that Nav2 takes and that has no like here: ours counts."""
+NO_LIMIT = 1e6
+"""Seconds, metres or radians, where Nav2 has infinity or another word for no limit."""
+
+
+def _no_limit(value: Value) -> Value:
+    return NO_LIMIT if value in {-1.0, math.inf} else value
+
+
 # A controller that counts on more than the robot's own limits mistakes where it will be.
 CONVERSIONS: Mapping[str, Callable[[Value], Value]] = MappingProxyType(
     {
         # AMCL takes the smaller of the two, and -1 as the range that the scan states.
         "lidar_max_range": lambda range_m: None if range_m < 0 else min(range_m, LIDAR_MAX_RANGE_M),
         "lidar_min_range": lambda range_m: None if range_m < 0 else range_m,
+        "no_limit": _no_limit,
+        "whole_path": lambda range_m: NO_LIMIT if range_m < 0 else _no_limit(range_m),
+        "in_front": lambda offset_m: -abs(offset_m),
+        "gain": lambda gain: gain or NOT_TAKEN,
+        "smoothing": lambda order: order // 2 * 2,
+        "angle_mode": lambda mode: NOT_TAKEN if mode == 2 else mode,
         "max_speed": lambda speed: min(speed, waffle.MAX_LINEAR_M_S),
         "min_speed": lambda speed: max(speed, -waffle.MAX_LINEAR_M_S),
         "max_turn": lambda speed: min(speed, waffle.MAX_ANGULAR_RAD_S),
@@ -53,6 +70,12 @@ CONVERSIONS: Mapping[str, Callable[[Value], Value]] = MappingProxyType(
     }
 )
 """From Nav2's value to ours; None: our default has this meaning."""
+SAME_MEANING = frozenset(
+    {"lidar_max_range", "lidar_min_range", "no_limit", "whole_path", "smoothing"}
+)
+"""The conversions to values that do here what those of Nav2 do there."""
+_LEAST = 1e-3
+"""What is nearest to a bound that is not a value itself, in any unit."""
 
 
 def setting(place: str, target: str, instance: str, models: Models) -> tuple[str, FieldInfo] | None:
@@ -93,6 +116,31 @@ def valid_for(field: FieldInfo, value: Value) -> str:
     except ValidationError as error:
         return must(error.errors()[0]["msg"])
     return ""
+
+
+def nearest(field: FieldInfo, value: Value) -> Value:
+    """The value within the field's bounds that is nearest to this one, element by element of a
+    list; the value itself where there are no bounds.
+    """
+    return _within_bounds(_adapter(field.rebuild_annotation()).json_schema(), value)
+
+
+def _within_bounds(schema: Mapping[str, Any], value: Value) -> Value:
+    # Of `X | None`, X.
+    schema = next(iter(schema.get("anyOf", [])), schema)
+    if isinstance(value, list):
+        parts = schema.get("prefixItems", [])
+        parts = parts if len(parts) == len(value) else [{}] * len(value)
+        return [_within_bounds(part, one) for part, one in zip(parts, value, strict=True)]
+    if isinstance(value, bool | str):
+        return value
+    least, most = schema.get("minimum"), schema.get("maximum")
+    if "exclusiveMinimum" in schema:
+        least = schema["exclusiveMinimum"] + _LEAST
+    if "exclusiveMaximum" in schema:
+        most = schema["exclusiveMaximum"] - _LEAST
+    within = value if least is None else max(value, least)
+    return type(value)(within if most is None else min(within, most))
 
 
 def _adapter(annotation: Any) -> TypeAdapter[Any]:

@@ -13,9 +13,8 @@ from mazebot.common.config import ConfigError
 from mazebot.common.files import bounded_yaml
 from mazebot.common.nav2_params.parameter import Value
 
-WILDCARD = "/**"
-"""The node name of parameters for all nodes."""
 _PARAMETERS = "ros__parameters"
+_WILDCARDS = ("*", "**")
 _MOST_LEAVES = 20_000
 _DEEPEST = 40
 _DEEPEST_LIST = 4
@@ -27,7 +26,8 @@ class Leaf:
     """A parameter of a file."""
 
     node: str
-    """The node's own name, without its namespace: `local_costmap` of the doubled costmap nodes."""
+    """The node's own name, without its namespace: `local_costmap` of the doubled costmap nodes.
+    Where that is a wildcard, the whole name: `/**`, `/robot1/*`."""
     name: str
     """Below the node, parts with dots between them."""
     value: Value
@@ -69,6 +69,11 @@ def read_leaves(text: str, name: str) -> tuple[list[Leaf], list[Leaf]]:
     return list(last.values()), replaced
 
 
+def is_pattern(node: str) -> bool:
+    """Whether the node of a leaf is a name with wildcards."""
+    return node.startswith("/")
+
+
 def _nodes(node: yaml.Node, path: str, name: str, depth: int, repeated: str = "") -> Iterator[Leaf]:
     """The leaves of all nodes below namespaces."""
     if not isinstance(node, yaml.MappingNode) or depth > _DEEPEST:
@@ -82,7 +87,7 @@ def _nodes(node: yaml.Node, path: str, name: str, depth: int, repeated: str = ""
                 reason = "must be below the name of a node"
                 raise ConfigError(f"{name}:{value.start_mark.line + 1}: {_PARAMETERS}: {reason}")
             own = path.rpartition("/")[2]
-            owner = WILDCARD if own in {"**", "*"} else own
+            owner = path if own in _WILDCARDS else own
             if not isinstance(value, yaml.MappingNode):
                 if _is_nothing(value):
                     continue

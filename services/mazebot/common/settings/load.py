@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import logging
 import os
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
@@ -247,13 +248,20 @@ def _nav2_params(text: str, name: str) -> Nav2Params:
 
 
 def nav2_settings(model: type[ServiceConfig], service: str, path: Path) -> dict[str, Any]:
-    """The settings of a service that come of a parameter file of Nav2.
+    """The settings of a service that come of a parameter file of Nav2. A line of the log tells
+    which of the service's parameters there count otherwise.
 
     Raises ConfigError where it cannot be read or is not valid.
     """
     from mazebot.common.nav2_params.report import report  # noqa: PLC0415
+    from mazebot.common.nav2_params.summary import summary  # noqa: PLC0415
 
-    return dict(report(read_nav2_params(path), {service: model}).settings.get(service, {}))
+    found = report(read_nav2_params(path), {service: model})
+    said = summary(found, service)
+    if said is not None:
+        level, text = said
+        logging.getLogger(service).log(level, text)
+    return dict(found.settings.get(service, {}))
 
 
 def _text(path: Path, kind: str) -> str:

@@ -119,8 +119,8 @@ waypoint_task_executor_plugin string wait_at_waypoint * =-
 )
 
 _DOCK = """
-staging_x_offset double -0.7 * =/docking_server.staging_x_offset
-external_detection_timeout double 1.0 >=0 =/docking_server.external_detection_timeout
+staging_x_offset double -0.7 * =/docking_server.staging_x_offset:in_front
+external_detection_timeout double 1.0 >=0 =/docking_server.external_detection_timeout:no_limit
 - docking_threshold staging_yaw_offset dock_direction rotate_to_dock use_external_detection_pose
 - external_detection_translation_x external_detection_translation_y
 - external_detection_rotation_roll external_detection_rotation_pitch
@@ -133,8 +133,8 @@ DOCKING_SERVER = namespace(
     "navigation.docking_server",
     """
 controller_frequency double 50.0 >0 !20.0 # docking runs at the controller's 20 Hz
-initial_perception_timeout double 5.0 >=0
-dock_approach_timeout double 30.0 >=0
+initial_perception_timeout double 5.0 >=0 =:no_limit
+dock_approach_timeout double 30.0 >=0 =:no_limit
 undock_linear_tolerance double 0.05 >=0
 undock_angular_tolerance double 0.05 >=0
 max_retries int 3 >=0

@@ -109,17 +109,17 @@ _SHIM = namespace(
 )
 
 _SIMPLE_GOAL = """
-xy_goal_tolerance double 0.25 >=0
+xy_goal_tolerance double 0.25 >=0 =:no_limit
 xy_goal_tolerance_buffer double 0.0 >=0
-yaw_goal_tolerance double 0.25 >=0
-path_length_tolerance double 1.0 >=0
+yaw_goal_tolerance double 0.25 >=0 =:no_limit
+path_length_tolerance double 1.0 >=0 =:no_limit
 stateful bool true *
 symmetric_yaw_tolerance bool false *
 """
 _POSITION_GOAL = """
-xy_goal_tolerance double 0.25 >=0
+xy_goal_tolerance double 0.25 >=0 =:no_limit
 xy_goal_tolerance_buffer double 0.0 >=0
-path_length_tolerance double 1.0 >=0
+path_length_tolerance double 1.0 >=0 =:no_limit
 stateful bool true *
 """
 _STOPPED_GOAL = f"""{_SIMPLE_GOAL}
@@ -137,11 +137,11 @@ _ADAPTIVE_GOAL = """
 """
 _PROGRESS = """
 required_movement_radius double 0.5 >=0
-movement_time_allowance double 10.0 >=0
+movement_time_allowance double 10.0 >=0 =:no_limit
 """
 _PATH_HANDLER = """
 prune_distance double 2.0 >0
-max_robot_pose_search_dist double - *
+max_robot_pose_search_dist double - * =:whole_path
 enforce_path_inversion bool false * =- !true # a path is followed up to where it turns back first
 inversion_xy_tolerance double 0.2 >0 =- !0.2
 - transform_tolerance enforce_path_rotation inversion_yaw_tolerance minimum_rotation_angle
@@ -199,7 +199,7 @@ CONTROLLER_SERVER = namespace(
     "navigation.controller_server",
     """
 controller_frequency double 20.0 >0 !20.0
-failure_tolerance double 0.0 >=-1
+failure_tolerance double 0.0 >=-1 =:no_limit
 controller_plugins strings [FollowPath] * =-
 goal_checker_plugins strings [goal_checker] *
 progress_checker_plugins strings [progress_checker] *

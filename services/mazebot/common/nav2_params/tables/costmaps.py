@@ -15,9 +15,9 @@ data_type string LaserScan {LaserScan,PointCloud2} !LaserScan
 inf_is_valid bool false *
 clearing bool false *
 marking bool true *
-obstacle_max_range double 2.5 >=0
+obstacle_max_range double 2.5 >=0 =:no_limit
 obstacle_min_range double 0.0 >=0
-raytrace_max_range double 3.0 >=0
+raytrace_max_range double 3.0 >=0 =:no_limit
 raytrace_min_range double 0.0 >=0
 - sensor_frame observation_persistence expected_update_rate min_obstacle_height
 - max_obstacle_height transport_type

@@ -38,8 +38,8 @@ min_particles int 500 >=1
 pf_err double 0.05 >0
 pf_z double 0.99 >0
 resample_interval int 1 >=1
-recovery_alpha_fast double 0.0 0..1
-recovery_alpha_slow double 0.0 0..1
+recovery_alpha_fast double 0.0 0..1 =:gain
+recovery_alpha_slow double 0.0 0..1 =:gain
 update_min_d double 0.25 >=0
 update_min_a double 0.2 >=0
 robot_model_type string nav2_amcl::DifferentialMotionModel * !nav2_amcl::DifferentialMotionModel

@@ -19,7 +19,7 @@ max_accel doubles:3 [2.5,0.0,3.2] >=0 =:most_accel
 max_decel doubles:3 [-2.5,0.0,-3.2] <=0 =:least_accel
 odom_topic string odom * !odom
 deadband_velocity doubles:3 [0.0,0.0,0.0] >=0
-velocity_timeout double 1.0 >=0
+velocity_timeout double 1.0 >=0 =:no_limit
 - odom_duration use_realtime_priority stamp_smoothed_velocity_with_smoothing_time
 """,
 )
@@ -75,8 +75,8 @@ COLLISION_MONITOR = namespace(
     "navigation.collision_monitor",
     """
 enabled bool true *
-source_timeout double 2.0 >=0
-stop_pub_timeout double 1.0 >=0
+source_timeout double 2.0 >=0 =:no_limit
+stop_pub_timeout double 1.0 >=0 =:no_limit
 base_frame_id string base_footprint * !base_footprint|base_link
 odom_frame_id string odom * !odom
 cmd_vel_out_topic string cmd_vel * !cmd_vel

@@ -34,7 +34,7 @@ threshold_to_consider double 1.4 >=0""",
 offset_from_furthest int 4 >=0
 threshold_to_consider double 0.5 >=0
 max_angle_to_furthest double 0.785398 >=0
-mode int 0 {0,1,2}""",
+mode int 0 {0,1,2} =:angle_mode""",
     "PreferForwardCritic": "cost_weight double 5.0 >=0\nthreshold_to_consider double 0.5 >=0",
     "ObstaclesCritic": """repulsion_weight double 1.5 >=0
 critical_weight double 20.0 >=0
@@ -67,7 +67,7 @@ vx_std double 0.2 >=0
 wz_std double 0.4 >=0
 retry_attempt_limit int 1 >=0
 open_loop bool false *
-sgf_order int 2 {1,2}
+sgf_order int 2 {1,2} =:smoothing
 motion_model string diff_drive * =- !diff_drive
 diff_drive.plugin string mppi::DiffDriveMotionModel * =- !mppi::DiffDriveMotionModel
 TrajectoryValidator.plugin string mppi::DefaultOptimalTrajectoryValidator * =- !default

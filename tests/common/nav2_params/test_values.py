@@ -1,0 +1,102 @@
+"""Values that Nav2 takes and our settings do not: the nearest one counts, and is told."""
+
+import logging
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mazebot.common.nav2_params.summary import summary
+from mazebot.common.settings.load import load
+from mazebot.localization.config import LocalizationConfig
+from mazebot.navigation.config import NavigationConfig
+from tests.common.nav2_params.files import config_of, refused, row_of, told
+
+INF = float("inf")
+GOAL = {"plugin": "nav2_controller::SimpleGoalChecker"}
+DOCK = {"plugin": "opennav_docking::SimpleChargingDock"}
+MPPI = {"plugin": "nav2_mppi_controller::MPPIController"}
+
+
+@pytest.mark.parametrize(
+    ("node", "values", "setting", "expected"),
+    [
+        ("controller_server", {"goal_checker": GOAL | {"xy_goal_tolerance": 0.0}},
+         "controller_server.general_goal_checker.xy_goal_tolerance", 0.001),
+        ("controller_server", {"goal_checker": GOAL | {"yaw_goal_tolerance": INF}},
+         "controller_server.general_goal_checker.yaw_goal_tolerance", 1e6),
+        ("controller_server", {"failure_tolerance": INF}, "controller_server.failure_tolerance",
+         1e6),
+        # Nav2's word for no limit, not a time below 0.
+        ("controller_server", {"failure_tolerance": -1.0}, "controller_server.failure_tolerance",
+         1e6),
+        ("controller_server", {"PathHandler": {"max_robot_pose_search_dist": -1.0}},
+         "controller_server.path_handler.max_robot_pose_search_dist", 1e6),
+        ("controller_server", {"FollowPath": MPPI | {"batch_size": 30_000}},
+         "controller_server.mppi.batch_size", 20_000),
+        ("docking_server", {"dock_plugins": ["a"], "a": DOCK | {"staging_x_offset": 0.9}},
+         "docking_server.staging_x_offset", -0.9),
+        ("docking_server", {"initial_perception_timeout": 0.0},
+         "docking_server.initial_perception_timeout", 0.001),
+        ("velocity_smoother", {"max_accel": [0.0, 0.0, 3.2]}, "velocity_smoother.max_accel",
+         (0.001, 0.0, 2.0)),
+        ("local_costmap", {"width": 40}, "local_costmap.width", 20),
+    ],
+)  # fmt: skip
+def test_the_nearest_value_that_is_taken_counts(
+    node: str, values: dict[str, Any], setting: str, expected: object
+) -> None:
+    found = told(node, values)
+    inner: Any = config_of(found)
+    for part in setting.split("."):
+        inner = getattr(inner, part)
+    assert inner == expected
+    (row,) = [row for row in found.rows if row.setting == f"navigation.{setting}"]
+    assert row.status == "mapped"
+    assert "converted to" in row.note
+
+
+def test_a_value_without_a_like_is_refused_with_its_line() -> None:
+    said = refused("local_costmap", {"inflation_layer": {"inflation_radius": INF}})
+    assert said == (
+        "my.yaml:4: local_costmap.inflation_layer.inflation_radius: inf: must be a finite number"
+    )
+    said = refused("speed_costmap_filter_info_server", {"type": 0})
+    assert said == "my.yaml:3: speed_costmap_filter_info_server.type: 0: must be 1 or 2"
+
+
+def test_ours_counts_where_nothing_is_like_the_value() -> None:
+    found = told("controller_server", {"FollowPath": MPPI | {"PathAngleCritic": {"mode": 2}}})
+    row = row_of(found, "FollowPath.PathAngleCritic.mode")
+    assert (row.status, row.differs) == ("unsupported", True)
+    assert config_of(found).controller_server.mppi.PathAngleCritic.mode == 0
+
+
+def test_a_service_says_once_what_counts_otherwise(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    file = tmp_path / "my params.yaml"
+    file.write_text(
+        "controller_server: {ros__parameters: {failure_tolerance: 0.5, controller_frequency: 5.0,"
+        " odom_duration: 0.3}}\namlc: {ros__parameters: {alpha1: 0.1}}\n"
+        "amcl: {ros__parameters: {recovery_alpha_slow: 0.0, alpha1: 0.1}}\n"
+    )
+    load(NavigationConfig, "navigation", ["--params", str(file)])
+    load(LocalizationConfig, "localization", ["--params", str(file)])
+    first, second = caplog.records
+    assert (first.levelno, first.name) == (logging.WARNING, "navigation")
+    assert first.getMessage() == (
+        f"{file}: 4 parameters for navigation, 1 with another value here "
+        "(controller_server.controller_frequency), 1 unknown to Nav2 as well (amlc.alpha1), "
+        f"1 without effect: see `mazebot params '{file}'`"
+    )
+    assert "2 parameters for localization, 1 with another value here" in second.getMessage()
+
+
+def test_what_only_changes_nothing_is_no_warning() -> None:
+    said = summary(told("controller_server", {"odom_duration": 0.3}), "navigation")
+    assert said is not None
+    assert said[0] == logging.INFO
+    assert summary(told("controller_server", {"failure_tolerance": 0.5}), "navigation") is None
+    # AMCL takes the smaller of this and the lidar's own range, as here.
+    assert summary(told("amcl", {"laser_max_range": 100.0}), "navigation") is None
