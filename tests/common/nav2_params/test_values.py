@@ -56,6 +56,42 @@ def test_the_nearest_value_that_is_taken_counts(
     assert "converted to" in row.note
 
 
+@pytest.mark.parametrize(
+    ("node", "values", "parameter", "note"),
+    [
+        ("local_costmap", {"obstacle_layer": {"enabled": False}}, "obstacle_layer.enabled",
+         "is always true here"),
+        ("docking_server", {"dock_plugins": ["a"], "a": DOCK | {"dock_direction": "backward"}},
+         "a.dock_direction", "is always forward here"),
+        ("controller_server", {"goal_checker_plugins": ["a"],
+                               "a": {"plugin": "nav2_controller::AxisGoalChecker"}},
+         "a.plugin", "AxisGoalChecker is not supported"),
+        ("behavior_server", {"behavior_plugins": ["a"], "a": {"plugin": "my::Dance"}},
+         "a.plugin", "Dance is not supported"),
+    ],
+)  # fmt: skip
+def test_what_is_not_done_is_told_as_another_value(
+    node: str, values: dict[str, Any], parameter: str, note: str
+) -> None:
+    row = row_of(told(node, values), parameter)
+    assert (row.status, row.note, row.differs) == ("unsupported", note, True)
+
+
+def test_velocities_in_space_are_those_in_the_plane() -> None:
+    found = told("velocity_smoother", {"max_velocity": [0.3, 0.0, 0.0, 0.0, 0.0, 1.0]})
+    assert config_of(found).velocity_smoother.max_velocity == (0.3, 0.0, 1.0)
+
+
+def test_a_controller_that_is_not_listed_contradicts_nothing() -> None:
+    values = {"controller_frequency": 10.0, "controller_plugins": ["A"],
+              "A": {"plugin": "nav2_rpp/RegulatedPurePursuitController"}}  # fmt: skip
+    found = told(
+        "controller_server",
+        values | {"B": MPPI},
+    )
+    assert "B is not in controller_plugins" in row_of(found, "B.plugin").note
+
+
 def test_a_value_without_a_like_is_refused_with_its_line() -> None:
     said = refused("local_costmap", {"inflation_layer": {"inflation_radius": INF}})
     assert said == (

@@ -48,7 +48,9 @@ def contradictions(
             where = f"{name}:{lines[0]}: collision_monitor.{zone}.{parameter}"
             problems.append(f"{where}: is missing: must be {must}")
     server = tree.get("controller_server", {})
-    for space, inner in server.items():
+    # Nav2 does not read the parameters of one that is not listed.
+    for space in server.get("controller_plugins") or []:
+        inner = server.get(space) or {}
         classes = {short_class(inner.get(key)) for key in _CLASSES} if _is_space(inner) else set()
         if "MPPIController" in classes:
             period = 1.0 / server["controller_frequency"]

@@ -14,14 +14,17 @@ import yaml
 from mazebot.common.files import bounded_yaml
 
 Value = Any
-"""bool, int, float, str, or a list of these; of the kind `polygon` a list of [x, y] in metres."""
+"""bool, int, float, str, or a list of these; of the kind `polygon` a list of [x, y] in metres, of
+`planar` [x, y, yaw]."""
 
-KINDS = ("bool", "int", "double", "string", "words", "polygon", "ints", "doubles", "strings")
+KINDS = (
+    "bool", "int", "double", "string", "words", "polygon", "ints", "doubles", "strings", "planar",
+)  # fmt: skip
 UNCHECKED = ""
 """The kind of a parameter without a setting."""
 OWN_NAME = "="
 """The `key` of a group whose namespaces have the names of their kinds, such as MPPI's critics."""
-_ELEMENT = {"ints": "int", "doubles": "double", "strings": "string"}
+_ELEMENT = {"ints": "int", "doubles": "double", "strings": "string", "planar": "double"}
 _IN_WORDS = {
     "bool": "true or false",
     "int": "an integer",
@@ -186,6 +189,9 @@ def typed(parameter: Parameter, given: Value) -> Value:
         return _polygon(given)
     if kind not in _ELEMENT:
         return _scalar(kind, given)
+    if kind == "planar" and isinstance(given, list) and len(given) == 6:
+        # Since Kilted x, y, z, roll, pitch, yaw.
+        given = [*given[:2], given[5]]
     element = _ELEMENT[kind]
     words = {"int": "integers", "double": "numbers", "string": "texts"}[element]
     count = "" if parameter.length is None else f"{parameter.length} "

@@ -309,7 +309,7 @@ def _as_always(entry: Entry, row: Row) -> Row:
     values = " or ".join(fixed)
     if given.lstrip("/") not in fixed:
         note = joined_notes(row.note, f"is always {values} here")
-        return dataclasses.replace(row, note=note, differs=True)
+        return dataclasses.replace(row, note=note, differs=not entry.unresolved)
     status: Status = "mapped" if entry.renamed or entry.unresolved else "used"
     return dataclasses.replace(
         row, status=status, note=joined_notes(row.note, "is fixed to this value here")
@@ -320,6 +320,17 @@ def _lists(entry: Entry) -> bool:
     """Whether the entry says which plugins there are, rather than anything of one."""
     listed = entry.knowledge in {"plugin", "parameter"}
     return entry.group is not None and listed and not _is_switch(entry)
+
+
+def _missing_class(entry: Entry) -> str:
+    """Why there is no plugin of a listed one's class here; "": there is, or there is no such
+    node.
+    """
+    space = NODES.get(entry.node)
+    if entry.group is None or space is None or space.note:
+        return ""
+    kind = entry.group.kinds.get(str(entry.value))
+    return f"{entry.value} is not supported" if kind is None else kind.note
 
 
 def _structure(entry: Entry, row: Row, taken: Iterable[str]) -> Row:
@@ -337,6 +348,10 @@ def _structure(entry: Entry, row: Row, taken: Iterable[str]) -> Row:
                 built_in = ", ".join(entry.group.values)
                 note = f"{entry.value} is not supported: must be one of {built_in}"
                 return dataclasses.replace(row, note=note, differs=True)
+        missing = _missing_class(entry)
+        if missing:
+            note = joined_notes(row.note, missing)
+            return dataclasses.replace(row, note=note, differs=True)
         spaces = [f"{entry.node}.{entry.name.removesuffix('plugin')}"]
     else:
         above = entry.name.rpartition(".")[0]

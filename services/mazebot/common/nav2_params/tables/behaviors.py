@@ -109,9 +109,15 @@ waypoint_task_executor_plugin string wait_at_waypoint * =-
                     "wait_at_waypoint", "- enabled waypoint_pause_duration"
                 ),
                 "PhotoAtWaypoint": namespace(
-                    "photo_at_waypoint", "- enabled image_topic save_dir image_format"
+                    "photo_at_waypoint",
+                    "- enabled image_topic save_dir image_format",
+                    note="PhotoAtWaypoint is not supported",
                 ),
-                "InputAtWaypoint": namespace("input_at_waypoint", "- enabled timeout input_topic"),
+                "InputAtWaypoint": namespace(
+                    "input_at_waypoint",
+                    "- enabled timeout input_topic",
+                    note="InputAtWaypoint is not supported",
+                ),
             },
             defaults={"wait_at_waypoint": "WaitAtWaypoint"},
         )
@@ -121,7 +127,9 @@ waypoint_task_executor_plugin string wait_at_waypoint * =-
 _DOCK = """
 staging_x_offset double -0.7 * =/docking_server.staging_x_offset:in_front
 external_detection_timeout double 1.0 >=0 =/docking_server.external_detection_timeout:no_limit
-- docking_threshold staging_yaw_offset dock_direction rotate_to_dock use_external_detection_pose
+dock_direction string forward {forward,backward} =- !forward
+use_external_detection_pose bool false * =- !true
+- docking_threshold staging_yaw_offset rotate_to_dock
 - external_detection_translation_x external_detection_translation_y
 - external_detection_rotation_roll external_detection_rotation_pitch
 - external_detection_rotation_yaw filter_coef use_stall_detection stall_velocity_threshold

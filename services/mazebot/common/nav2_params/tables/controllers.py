@@ -171,8 +171,13 @@ _GROUPS = (
             "SimpleGoalChecker": namespace("general_goal_checker", _SIMPLE_GOAL),
             "StoppedGoalChecker": namespace("general_goal_checker", _STOPPED_GOAL),
             "PositionGoalChecker": namespace("general_goal_checker", _POSITION_GOAL),
-            "AxisGoalChecker": namespace("axis_goal_checker", _AXIS_GOAL),
-            "AdaptiveToleranceGoalChecker": namespace("adaptive_goal_checker", _ADAPTIVE_GOAL),
+            "AxisGoalChecker": namespace(
+                "axis_goal_checker", _AXIS_GOAL, note="AxisGoalChecker is not supported"
+            ),
+            "AdaptiveToleranceGoalChecker": namespace(
+                "adaptive_goal_checker", _ADAPTIVE_GOAL,
+                note="AdaptiveToleranceGoalChecker is not supported",
+            ),
         },
         defaults={"goal_checker": "SimpleGoalChecker"},
         implied={"PositionGoalChecker": ("position_only", True, "any heading counts as reached")},

@@ -26,9 +26,10 @@ raytrace_min_range double 0.0 >=0
 
 _SOURCES = (Group("observation_sources", {"": _OBSERVATION}, key="", sensors=True),)
 _MARKS = """
+enabled bool true * =- !true
 footprint_clearing_enabled bool true *
 observation_sources words "" * =-
-- enabled min_obstacle_height max_obstacle_height combination_method tf_filter_tolerance
+- min_obstacle_height max_obstacle_height combination_method tf_filter_tolerance
 """
 _ONE_PLANE = "# the lidar scans one plane: voxels are one layer of obstacles"
 _VOXELS = "unknown_threshold mark_threshold z_voxels z_resolution origin_z publish_voxel_map"
@@ -40,7 +41,8 @@ _STATIC = namespace(
     """
 map_topic string map * !map
 map_subscribe_transient_local bool true * !true
-- enabled subscribe_to_updates transform_tolerance footprint_clearing_enabled
+enabled bool true * =- !true
+- subscribe_to_updates transform_tolerance footprint_clearing_enabled
 - restore_cleared_footprint
 """,
 )
@@ -51,13 +53,18 @@ _INFLATION = namespace(
 inflation_radius double 0.55 >=0
 cost_scaling_factor double 10.0 >=0
 inflate_unknown bool false *
+enabled bool true * =- !true
 - custom_inscribed_radius # the footprint is that of the waffle
 - num_threads # one thread
-- enabled inflate_around_unknown
+- inflate_around_unknown
 """,
 )
 
-_DENOISE = namespace("denoise_layer", "- enabled minimal_group_size group_connectivity_type")
+_DENOISE = namespace(
+    "denoise_layer",
+    "- enabled minimal_group_size group_connectivity_type",
+    note="DenoiseLayer is not supported",
+)
 
 _RANGE = namespace(
     "range_sensor_layer",
@@ -68,7 +75,7 @@ _RANGE = namespace(
     note="the robot has no range sensors",
 )
 
-_FILTER = "enabled bool true * =-\n- filter_info_topic transform_tolerance\n"
+_FILTER = "enabled bool true * =- !true\n- filter_info_topic transform_tolerance\n"
 _KEEPOUT = namespace("keepout_filter", f"{_FILTER}- override_lethal_cost lethal_override_cost")
 _SPEED = namespace(
     "speed_filter",

@@ -13,12 +13,12 @@ VELOCITY_SMOOTHER = namespace(
 smoothing_frequency double 20.0 >0 !20.0
 feedback string OPEN_LOOP {OPEN_LOOP,CLOSED_LOOP}
 scale_velocities bool false *
-max_velocity doubles:3 [0.5,0.0,2.5] >=0 =:most_velocity
-min_velocity doubles:3 [-0.5,0.0,-2.5] <=0 =:least_velocity
-max_accel doubles:3 [2.5,0.0,3.2] >=0 =:most_accel
-max_decel doubles:3 [-2.5,0.0,-3.2] <=0 =:least_accel
+max_velocity planar:3 [0.5,0.0,2.5] >=0 =:most_velocity
+min_velocity planar:3 [-0.5,0.0,-2.5] <=0 =:least_velocity
+max_accel planar:3 [2.5,0.0,3.2] >=0 =:most_accel
+max_decel planar:3 [-2.5,0.0,-3.2] <=0 =:least_accel
 odom_topic string odom * !odom
-deadband_velocity doubles:3 [0.0,0.0,0.0] >=0
+deadband_velocity planar:3 [0.0,0.0,0.0] >=0
 velocity_timeout double 1.0 >=0 =:no_limit
 - odom_duration use_realtime_priority stamp_smoothed_velocity_with_smoothing_time
 """,
@@ -66,8 +66,9 @@ _SOURCE = namespace(
     """
 type string scan {scan,pointcloud,range,polygon,costmap} =- !scan
 topic string scan * =- !scan
+enabled bool true * =- !true
 - min_height max_height # the lidar scans one plane
-- min_range obstacles_angle sampling_distance transport_type source_timeout enabled
+- min_range obstacles_angle sampling_distance transport_type source_timeout
 """,
 )
 
