@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from mazebot.common.nav2_params.summary import summary
+from mazebot.common.robot.waffle import MAX_LINEAR_M_S
 from mazebot.common.settings.load import load
 from mazebot.localization.config import LocalizationConfig
 from mazebot.navigation.config import NavigationConfig
@@ -75,6 +76,16 @@ def test_what_is_not_done_is_told_as_another_value(
 ) -> None:
     row = row_of(told(node, values), parameter)
     assert (row.status, row.note, row.differs) == ("unsupported", note, True)
+
+
+def test_the_least_speed_of_a_faster_robot_is_not_above_the_highest_here() -> None:
+    turns = config_of(
+        told("behavior_server", {"min_rotational_vel": 2.0, "max_rotational_vel": 3.0})
+    )
+    assert turns.behavior_server.min_rotational_vel == turns.behavior_server.max_rotational_vel
+    docks = {"controller": {"v_linear_min": 0.5, "v_linear_max": 0.8}}
+    controller = config_of(told("docking_server", docks)).docking_server.controller
+    assert controller.v_linear_min == controller.v_linear_max == MAX_LINEAR_M_S
 
 
 def test_velocities_in_space_are_those_in_the_plane() -> None:

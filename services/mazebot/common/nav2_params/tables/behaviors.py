@@ -10,14 +10,14 @@ from mazebot.common.nav2_params.parameter import Group, namespace
 
 _TURN = """
 max_rotational_vel double 1.0 >=0 =/behavior_server.max_rotational_vel:max_turn
-min_rotational_vel double 0.4 >=0 =/behavior_server.min_rotational_vel
+min_rotational_vel double 0.4 >=0 =/behavior_server.min_rotational_vel:max_turn
 rotational_acc_lim double 3.2 >=0 =/behavior_server.rotational_acc_lim:max_turn_accel
 simulate_ahead_time double 2.0 >=0 =/behavior_server.simulate_ahead_time
 """
 _DRIVE = """
 acceleration_limit double 2.5 >=0 =/behavior_server.acceleration_limit:max_accel
 deceleration_limit double -2.5 <=0 =/behavior_server.deceleration_limit:min_accel
-minimum_speed double 0.1 >=0 =/behavior_server.minimum_speed
+minimum_speed double 0.1 >=0 =/behavior_server.minimum_speed:max_speed
 simulate_ahead_time double 2.0 >=0 =/behavior_server.simulate_ahead_time
 """
 _TELEOP = """
@@ -156,7 +156,7 @@ controller.k_phi double 3.0 >=0
 controller.k_delta double 2.0 >=0
 controller.beta double 0.4 >=0
 controller.lambda double 2.0 >=0 =controller.lambda_
-controller.v_linear_min double 0.1 >=0
+controller.v_linear_min double 0.1 >=0 =:max_speed
 controller.v_linear_max double 0.25 >=0 =:max_speed
 controller.v_angular_max double 0.75 >=0 =:max_turn
 controller.slowdown_radius double 0.25 >=0

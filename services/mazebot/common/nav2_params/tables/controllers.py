@@ -24,13 +24,13 @@ use_velocity_scaled_lookahead_dist bool false *
 rotate_to_heading_angular_vel double 1.8 >=0 =:max_turn
 use_rotate_to_heading bool true *
 rotate_to_heading_min_angle double 0.785 >=0
-min_approach_linear_velocity double 0.05 >=0
+min_approach_linear_velocity double 0.05 >=0 =:max_speed
 approach_velocity_scaling_dist double 0.6 >=0
 use_collision_detection bool true *
 max_allowed_time_to_collision_up_to_carrot double 1.0 >=0
 use_regulated_linear_velocity_scaling bool true *
 regulated_linear_scaling_min_radius double 0.9 >=0
-regulated_linear_scaling_min_speed double 0.25 >=0
+regulated_linear_scaling_min_speed double 0.25 >=0 =:max_speed
 use_cost_regulated_linear_velocity_scaling bool true *
 cost_scaling_dist double 0.6 >=0
 cost_scaling_gain double 1.0 >=0
