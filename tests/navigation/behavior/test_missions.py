@@ -722,7 +722,10 @@ def test_docking_notices_after_a_pause_that_the_marker_is_gone() -> None:
 def test_a_drive_into_a_keepout_zone_is_refused_by_its_name() -> None:
     drive = Drive()
     robot, static = drive.robot.inner, drive.robot.costmap.static
-    corners = tuple((START @ SE2(*at, 0.0))[:2] for at in ((0.3, -1), (1, -1), (1, 1), (0.3, 1)))
+    corners = tuple(
+        (START @ SE2(x_m, y_m, 0.0))[:2]
+        for x_m, y_m in ((0.3, -1.0), (1.0, -1.0), (1.0, 1.0), (0.3, 1.0))
+    )
     zone = KeepoutZone(name="carpet", polygon_m=corners)
     robot.take_map(static.frame, house().map_cells, 0.1, zones_of(static.frame, 0.4, [zone]))
     into = drive.until_done(drive_on_heading(0.4, 0.2))

@@ -62,4 +62,5 @@ class Bumps:
         """(n,) distances of places from the box around the outline."""
         polygon_m = self._footprint.points_m
         off_m = np.maximum(polygon_m.min(axis=0) - places_m, places_m - polygon_m.max(axis=0))
-        return np.asarray(np.hypot(*off_m.clip(min=0.0).T))
+        outside_m = off_m.clip(min=0.0)
+        return np.asarray(np.sqrt((outside_m * outside_m).sum(axis=1)))
