@@ -232,6 +232,15 @@ def test_velocities_of_its_panels_and_what_is_refused(
             client.wait_for(functools.partial(_more_than, client, before))
             assert said in client.complaints()[before]
             assert client.complaints()[before] in caplog.text
+        # What navigation refuses is told, too.
+        before = len(client.complaints())
+        goal = {"header": {"frame_id": "base_link"}, "pose": {"orientation": {"w": 1.0}}}
+        client.publish(99, GOAL_POSE.name, "geometry_msgs/msg/PoseStamped",
+                       json.dumps(goal).encode(), "json")  # fmt: skip
+        client.wait_for(functools.partial(_more_than, client, before))
+        assert client.complaints()[before] == (
+            "/goal_pose: error 9002: frame_id 'base_link': must be 'map' or empty"
+        )
         at_ns = live.robot.now_ns()
         live.wait(lambda: live.robot.now_ns() > at_ns)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import queue
 import threading
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -23,8 +23,17 @@ from foxglove.websocket import (
 from mazebot.common.client.robot import Robot
 from mazebot.common.config import ConfigError, printable
 from mazebot.common.messages import documents as doc
+from mazebot.common.messages import messages as msg
 from mazebot.common.messages import wire
-from mazebot.common.messages.topics import PARAMETERS, SIMULATION_STATS, Topic, read_by
+from mazebot.common.messages.error_codes import ErrorCode
+from mazebot.common.messages.topics import (
+    GOAL_POSE,
+    NAVIGATION_RESULT,
+    PARAMETERS,
+    SIMULATION_STATS,
+    Topic,
+    read_by,
+)
 from mazebot.common.recordings.mcap.mcap_channels import definition_of
 from mazebot.recorder.foxglove.graph import connection_graph
 from mazebot.recorder.foxglove.parameters import RunParameters
@@ -46,6 +55,7 @@ BACKLOG = 256
 """Messages that wait for a slow client before its oldest ones are dropped."""
 _MOST_WAITING = 2000
 """Messages that wait for this server's thread before further ones are dropped."""
+_MOST_GOALS = 100
 _END_TIMEOUT_S = 1.0
 _Task = Callable[[], None]
 
@@ -65,6 +75,8 @@ class FoxgloveServer:
         self._latched = Latched()
         self._services: set[str] = set()
         self._complaint = ""
+        # The stamps of the latest goals that clients have sent.
+        self._goals: deque[int] = deque(maxlen=_MOST_GOALS)
         self._subscribers: Counter[str] = Counter()
         self._advertised: dict[tuple[int, int], ClientChannel] = {}
         self._tasks: queue.SimpleQueue[_Task | None] = queue.SimpleQueue()
@@ -116,6 +128,8 @@ class FoxgloveServer:
             self._send(compressed.topic_name, compressed.make, time_ns)
         if self.wants(topic.name):
             self._send(topic.name, taken.pieces, time_ns)
+        if topic is NAVIGATION_RESULT:
+            self._put(lambda: self._judge(taken.message), always=True)
 
     def set_time(self, now_ns: int) -> None:
         """Tell the clients the simulation's time."""
@@ -171,6 +185,8 @@ class FoxgloveServer:
             message = message_of(
                 topic, channel.schema_name, data, channel.encoding, self._robot.now_ns()
             )
+            if topic is GOAL_POSE:
+                self._goals.append(msg.ns_from_time(message.header.stamp))
             self._robot.publish(topic, message)
         except ConfigError as error:
             self._complain(str(error))
@@ -187,6 +203,14 @@ class FoxgloveServer:
             except ConfigError as error:
                 self._complain(str(error))
         return self._parameters.get([parameter.name for parameter in wanted])
+
+    def _judge(self, result: doc.NavigationResult) -> None:
+        """Tell why a client's goal was refused, or not reached."""
+        wanted = result.error_code not in (
+            ErrorCode.NONE, ErrorCode.PREEMPTED, ErrorCode.CANCELED
+        )  # fmt: skip
+        if wanted and result.goal_stamp_ns in self._goals:
+            self._complain(f"{GOAL_POSE.name}: error {result.error_code}: {result.error_msg}")
 
     def _complain(self, line: str) -> None:
         """Tell the app, and the log: a client that repeats itself, once."""
