@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
+import tempfile
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -58,6 +61,27 @@ def test_keys_of_people_come_and_go(store: KeyStore) -> None:
     assert "anna" not in store.read()
     assert store.rotate([]) == sorted(store.read())
     assert not list(store.folder.glob(".*"))
+
+
+def test_where_one_cannot_be_written_no_key_is_replaced_and_nothing_is_left(
+    store: KeyStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before, files = store.read(), sorted(store.folder.iterdir())
+    made, there = [], tempfile.mkstemp
+
+    def third_is_read_only(**where: Any) -> tuple[int, str]:
+        handle, name = there(**where)
+        made.append(name)
+        if len(made) == 3:
+            os.close(handle)
+            handle = os.open(name, os.O_RDONLY)
+        return handle, name
+
+    monkeypatch.setattr("tempfile.mkstemp", third_is_read_only)
+    with pytest.raises(ConfigError, match=f"{sorted(before)[2]}.key: Bad file descriptor"):
+        store.rotate([])
+    assert store.read() == before
+    assert sorted(store.folder.iterdir()) == files
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import contextlib
 import os
 import secrets
 import tempfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -91,25 +91,25 @@ class KeyStore:
         if hosts is not None and not self._authority_path.exists():
             from mazebot.common.access.certificates import Authority  # noqa: PLC0415
 
-            _write(self._authority_path, Authority.new().text)
+            _write({self._authority_path: Authority.new().text})
         there = self.read()
         missing = [name for name in (ROUTER, *SERVICES, *PEOPLE) if name not in there]
-        for name in missing:
-            self._make(name, name)
+        self._make((name, name) for name in missing)
         renewed = [] if hosts is None else self._renew(hosts)
         return [*missing, *(name for name in renewed if name not in missing)]
 
     def _renew(self, hosts: Sequence[str]) -> list[str]:
         """Give a new certificate to each key that has none which lasts."""
-        authority, renewed = self._authority(), []
+        authority = self._authority()
         assert authority is not None
+        renewed = {}
         for name, key in self.read().items():
             its_hosts = hosts if name == ROUTER else ()
             if not authority.still_holds(key.certificate, its_hosts):
                 certificate = authority.issue(name, its_hosts)
-                _write(self.path_of(name), text_of(key._replace(certificate=certificate)))
-                renewed.append(name)
-        return renewed
+                renewed[name] = text_of(key._replace(certificate=certificate))
+        _write({self.path_of(name): text for name, text in renewed.items()})
+        return list(renewed)
 
     @property
     def _authority_path(self) -> Path:
@@ -145,7 +145,8 @@ class KeyStore:
             raise ConfigError(f"name: {name}: must not be the name of a service or another role")
         if name in self.read():
             raise ConfigError(f"name: {name}: has a key already: `mazebot keys rotate {name}`")
-        return self._make(name, role)
+        self._make([(name, role)])
+        return self.path_of(name)
 
     def revoke(self, name: str) -> None:
         """Remove a person's key. Raises ConfigError where there is none, or it is a service's."""
@@ -158,11 +159,10 @@ class KeyStore:
     def rotate(self, names: Iterable[str]) -> list[str]:
         """Replace keys by new ones, without names all; return their names.
 
-        Raises ConfigError, before any is replaced, where one is missing.
+        Raises ConfigError, before any is replaced, where one is missing or cannot be written.
         """
         keys = [self._there(name) for name in names] or list(self.read().values())
-        for key in keys:
-            self._make(key.name, key.role)
+        self._make((key.name, key.role) for key in keys)
         return [key.name for key in keys]
 
     def hand_out(self, folder: Path) -> list[str]:
@@ -184,7 +184,7 @@ class KeyStore:
             if text is None:
                 path.unlink()
             else:
-                _write(path, text, _READABLE)
+                _write({path: text}, _READABLE)
             changed.append(own.name)
         return changed
 
@@ -195,25 +195,51 @@ class KeyStore:
             raise ConfigError(f"name: {name!r:.60}: has no key in {self.folder}: there are {some}")
         return keys[name]
 
-    def _make(self, name: str, role: str) -> Path:
+    def _make(self, wanted: Iterable[tuple[str, str]]) -> None:
+        """Write a new key for each name and role, or, where one cannot be, none."""
         authority = self._authority()
-        # The router's has the names by which it is reached, which it alone knows.
-        certificate = authority.issue(name) if authority and name != ROUTER else None
-        key = Key(name, role, secrets.token_urlsafe(_PASSWORD_BYTES), certificate)
-        path = self.path_of(name)
-        _write(path, text_of(key))
-        return path
+        texts = {}
+        for name, role in wanted:
+            # The router's has the names by which it is reached, which it alone knows.
+            certificate = authority.issue(name) if authority and name != ROUTER else None
+            key = Key(name, role, secrets.token_urlsafe(_PASSWORD_BYTES), certificate)
+            texts[self.path_of(name)] = text_of(key)
+        _write(texts)
 
 
-def _write(path: Path, text: str, mode: int = 0o600) -> None:
-    """Raises ConfigError."""
-    try:
+def _write(texts: Mapping[Path, str], mode: int = 0o600) -> None:
+    """Write files. Raises ConfigError, before any is replaced, where one cannot be written."""
+    with contextlib.ExitStack() as rest:
+        made = {path: rest.enter_context(_beside(path, text, mode)) for path, text in texts.items()}
+        for path, new in made.items():
+            with _told(path):
+                new.replace(path)
+
+
+@contextlib.contextmanager
+def _beside(path: Path, text: str, mode: int) -> Iterator[Path]:
+    """A new file to take a path's place; removed at the end where it has not.
+
+    Raises ConfigError.
+    """
+    with _told(path):
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         # Readable by its owner alone from the first moment, and never half written.
-        handle, new = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=".new")
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=".new")
+    new = Path(name)
+    try:
+        with _told(path), os.fdopen(handle, "w", encoding="utf-8") as file:
             file.write(text)
             os.fchmod(handle, mode)
-        Path(new).replace(path)
+        yield new
+    finally:
+        new.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def _told(path: Path) -> Iterator[None]:
+    """Raises an OSError as ConfigError."""
+    try:
+        yield
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror}") from error
