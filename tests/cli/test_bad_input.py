@@ -717,6 +717,9 @@ recorder --messages perhaps : messages|perhaps
 spawner --module-px 1 : module_px|1
 worldgen --worlds-dri x : --worlds-dri|x|--worlds-dir
 router --listen x : listen|x|--listen
+router --tls-hosts 'bad host,*' : tls_hosts|'bad host'|name or the IP address|--tls-hosts
+router --tls-hosts 'localhost,*' : tls_hosts|'*'|--tls-hosts
+router --tls-hosts 300.1.1.1 : tls_hosts|'300.1.1.1'|--tls-hosts
 console --port 70000 : port|70000|--port
 console --hosts http://lab : hosts|http://lab|without scheme
 console --max-body-kib 0 : max_body_kib|0

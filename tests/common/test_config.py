@@ -167,3 +167,9 @@ def test_a_file_of_settings_has_one_seed_for_all(tmp_path: Path) -> None:
     assert load(PhysicsConfig, "physics", ["--config", str(file)]).seed == 9
     file.write_text("seed: 9\nphysics: {rate_hz: 2, seed: 4}\n")
     assert load(PhysicsConfig, "physics", ["--config", str(file)]).seed == 4
+
+
+def test_the_help_names_the_program(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        load(PhysicsConfig, "physics", ["--help"])
+    assert capsys.readouterr().out.startswith("usage: python -m mazebot.physics ")

@@ -167,6 +167,11 @@ def test_a_broken_authority_is_told(store: KeyStore, text: str) -> None:
     assert store.read() == before
 
 
+def test_hosts_have_names_and_addresses() -> None:
+    hosts = ("robot", "robot.local", "my_router-2", "10.0.0.5", "fe80::1", "4.example")
+    assert RouterConfig(tls_hosts=hosts).tls_hosts == hosts
+
+
 def test_a_router_that_encrypts_needs_keys() -> None:
     with pytest.raises(ValueError, match=r"listen: tls/.*: with tls/, keys_dir must be a folder"):
         RouterConfig(listen="tls/127.0.0.1:7447")

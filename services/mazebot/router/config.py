@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import ipaddress
+import re
 from typing import Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from mazebot.common.config import Names, OptionalPath, ServiceConfig
 from mazebot.common.files.key_file import TLS
+
+_LABEL = r"[A-Za-z0-9_](?:[A-Za-z0-9_-]{0,61}[A-Za-z0-9_])?"
+# The last part of a name is no number (RFC 1123), as it is in an address with a mistake.
+_HOST_NAME = re.compile(rf"(?=.{{1,253}}\Z)(?:{_LABEL}\.)*(?![0-9]+\Z){_LABEL}\Z")
 
 
 class RouterConfig(ServiceConfig):
@@ -48,8 +54,24 @@ class RouterConfig(ServiceConfig):
         description="wall time without a response after which the router exits, to be restarted",
     )
 
+    @field_validator("tls_hosts")
+    @classmethod
+    def _are_hosts(cls, hosts: tuple[str, ...]) -> tuple[str, ...]:
+        for host in hosts:
+            if not _is_host(host):
+                raise ValueError(f"{host!r:.60}: must be the name or the IP address of a host")
+        return hosts
+
     @model_validator(mode="after")
     def _can_encrypt(self) -> Self:
         if self.listen.startswith(TLS) and self.keys_dir is None:
             raise ValueError(f"listen: {self.listen}: with tls/, keys_dir must be a folder of keys")
         return self
+
+
+def _is_host(text: str) -> bool:
+    try:
+        ipaddress.ip_address(text)
+    except ValueError:
+        return _HOST_NAME.match(text) is not None
+    return True

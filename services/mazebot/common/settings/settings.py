@@ -69,7 +69,7 @@ def settings(
             cli: CliSettingsSource[BaseSettings] = CliSettingsSource(
                 settings_cls,
                 cli_parse_args=flags,
-                cli_prog_name=f"python -m services.{service}",
+                cli_prog_name=f"python -m mazebot.{service}",
                 cli_kebab_case=True,
                 cli_exit_on_error=False,
             )
