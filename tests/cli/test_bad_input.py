@@ -198,6 +198,7 @@ map build --log file.txt --out new --range-min -1 : --range-min|-1
 map build --log file.txt --out new --range-max 0.1 --range-min 3 : --range-max|0.1|--range-min
 map build --log file.txt --out new --angle-min nan : --angle-min|nan
 map build --log file.txt --out new --angle-increment 0 : --angle-increment|0
+map build --log file.txt --out new --odom-scale 0 : --odom-scale|0
 map build --log file.txt --out new --lidar 0 0 inf : --lidar|inf|finite
 map build --log file.txt --out new --lidar 0 : --lidar|0|Y|2 or 3 numbers
 waypoints : FILE|NAME

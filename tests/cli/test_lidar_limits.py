@@ -56,6 +56,29 @@ def test_scans_whose_limits_hold_no_range_are_counted_and_left_out(tmp_path: Pat
     assert remark.startswith("10 scans have a range_min or range_max")
 
 
+def test_beams_over_more_than_a_turn_are_no_scan(tmp_path: Path) -> None:
+    bag = write(tmp_path / "bag", stamps_ns=STAMPS_NS, increment_rad=1.0)
+    assert "angle_increment 1 x 21 beams is 3.18 turns: must be radians" in refused(bag)
+    table = tmp_path / "log.csv"
+    header = "time_s,odom_x_m,odom_y_m,odom_yaw_rad,range_0,range_1,range_2,range_3,range_4"
+    table.write_text(f"{header},range_5,range_6,range_7,range_8\n0,0,0,0" + ",2" * 9 + "\n")
+    assert "angle_increment 1 x 9 beams is 1.27 turns" in refused(table, "--angle-increment", "1")
+    assert read_log(table, ScanForm(angle_increment_rad=math.tau / 8)).scans == 1
+
+
+def test_where_some_are_the_others_are_used(tmp_path: Path) -> None:
+    lines = [
+        f"ROBOTLASER1 0 0 0 {step} 9 0.01 0 3 1 2 3 0 {i} 0 0 {i} 0 0 0 0 0 0 0 {i} h {i}"
+        for i, step in enumerate((0.1, 3.0, 0.1, 3.14, 3.14), start=1)
+    ]
+    raw = tmp_path / "robot.log"
+    raw.write_text("\n".join(lines).replace("0 3 1 2 3 0", "0 5 1 2 3 2 1 0") + "\n")
+    log = read_log(raw, ScanForm())
+    assert (log.scans, len(log.entries)) == (2, 5)
+    (remark,) = log.remarks()
+    assert remark.startswith("3 scans have beams over more than a turn")
+
+
 @pytest.mark.parametrize("stated_m", [30.0, 100.0, math.inf])
 def test_a_lidar_that_states_far_more_than_it_sees_sees_as_far_as_its_longest_return(
     tmp_path: Path, stated_m: float

@@ -372,7 +372,7 @@ def write_bag(
             moved = msg.Odometry(msg.header(stamp_ns, "odom"), "base_footprint", place, still)
             writer.write(odom, stamp_ns, store.serialize_cdr(moved, odom.msgtype))
             sweep = msg.LaserScan(
-                msg.header(stamp_ns + 10, "laser"), 0.0, 0.0, 0.1, 0.0, 0.1, 0.1, 9.0,
+                msg.header(stamp_ns + 10, "laser"), 0.0, 0.0, 0.01, 0.0, 0.1, 0.1, 9.0,
                 np.full(400, step, np.float32), np.zeros(0, np.float32),
             )  # fmt: skip
             writer.write(scan, stamp_ns + 10, store.serialize_cdr(sweep, scan.msgtype))

@@ -17,13 +17,15 @@ START = SE2(0.0, 0.0, 0.0)
 
 
 def see(
-    loc: Localization, stamp_ns: int, range_m: float, limits_m: tuple[float, float] = (0.12, 3.5)
+    loc: Localization,
+    stamp_ns: int,
+    range_m: float,
+    limits_m: tuple[float, float] = (0.12, 3.5),
+    increment_rad: float = sim.ANGLE_INCREMENT_RAD,
 ) -> bool:
     """A scan whose ranges are all the same."""
     ranges_m = np.full(360, range_m, np.float32)
-    return loc.scan(
-        Scan(ranges_m, 0.0, sim.ANGLE_INCREMENT_RAD, *limits_m, sim.BASE_FROM_SCAN, stamp_ns)
-    )
+    return loc.scan(Scan(ranges_m, 0.0, increment_rad, *limits_m, sim.BASE_FROM_SCAN, stamp_ns))
 
 
 @pytest.mark.parametrize(
@@ -45,6 +47,14 @@ def test_no_initial_pose_is_confirmed(range_m: float, limits_m: tuple[float, flo
         loc.odometry(i * STEP_NS, SE2(0.02 * i, 0.0, 0.0))
         assert not see(loc, i * STEP_NS, range_m, limits_m)
     assert loc.state == "uninitialized"
+
+
+def test_beams_of_an_increment_in_degrees_are_no_scan() -> None:
+    for increment_rad, is_used in ((sim.ANGLE_INCREMENT_RAD, True), (1.0, False)):
+        loc = localization()
+        loc.initialize(START, START_COVARIANCE)
+        loc.odometry(0, START)
+        assert see(loc, 0, 1.0, increment_rad=increment_rad) == is_used
 
 
 @pytest.mark.parametrize("range_m", [math.nan, 0.0])

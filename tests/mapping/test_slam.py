@@ -214,6 +214,8 @@ def test_nonsense_changes_nothing() -> None:
     later = last.stamp_ns + SCAN_NS
     assert not slam.scan(Scan(last.ranges_m, math.nan, LDS.increment_rad, 0.12, 3.5, sensor, later))
     assert not slam.scan(Scan(last.ranges_m, 0.0, math.inf, 0.12, 3.5, sensor, later))
+    # In degrees.
+    assert not slam.scan(Scan(last.ranges_m, 0.0, 1.0, 0.12, 3.5, sensor, later))
     assert (slam.pose()[0], slam.graph_version) == (pose, version)
 
 

@@ -383,8 +383,7 @@ class Localization:
         odom_from_base = self._history.at(scan.stamp_ns)
         if odom_from_base is None or not self._is_begun:
             return False
-        angles_rad = (scan.angle_min_rad, scan.angle_increment_rad)
-        if not (all(map(math.isfinite, angles_rad)) and scan.has_limits):
+        if not (scan.has_angles and scan.has_limits):
             return False
         p = self._params
         limited = replace(

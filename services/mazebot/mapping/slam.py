@@ -128,7 +128,10 @@ _ROUND_RAD = 5.5
 
 
 NO_ODOMETRY = "without odometry at their time"
-NOT_VALID = "with angles or a range_min that are not finite, or a range_max that is not larger"
+NOT_VALID = (
+    "with angles or a range_min that are not finite, beams over more than a turn, or a range_max "
+    "that is not larger"
+)
 NO_RETURNS = "without returns"
 NOT_LATER = "not later than the one before"
 TOO_SOON = "within minimum_time_interval"
@@ -341,8 +344,8 @@ class Slam:
         if odom_from_base is None:
             self.left_out[NO_ODOMETRY] += 1
             return False
-        described = (scan.angle_min_rad, scan.angle_increment_rad, *scan.base_from_scan)
-        if not (all(map(math.isfinite, described)) and scan.has_limits):
+        is_placed = all(map(math.isfinite, scan.base_from_scan))
+        if not (is_placed and scan.has_angles and scan.has_limits):
             self.left_out[NOT_VALID] += 1
             return False
         if self._scanned is not None:

@@ -15,15 +15,18 @@ from mazebot.cli.logs.options import (
     AngleMin,
     Lidar,
     LogFile,
+    OdomScale,
     OdomTopic,
     RangeMax,
     RangeMin,
     ScanTopic,
+    check_odom_scale,
     scan_form,
     warn_of_guess,
     warn_of_place,
 )
 from mazebot.cli.logs.read import read_log
+from mazebot.cli.logs.scale import check_scale
 from mazebot.cli.logs.turned import check_turn
 from mazebot.cli.parsing.options import ROUTER, Connect, Json, print_json
 from mazebot.cli.parsing.outputs import refuse_inputs
@@ -60,6 +63,7 @@ def localize(
     range_max: RangeMax = None,
     scan_topic: ScanTopic = "/scan",
     odom_topic: OdomTopic = "/odom",
+    odom_scale: OdomScale = 1.0,
     timeout_s: Annotated[
         float | None,
         typer.Option(
@@ -97,6 +101,7 @@ def localize(
 
     if everywhere and start is not None:
         raise ConfigError("--global: must not be given with --start")
+    check_odom_scale(odom_scale)
     form = scan_form(angle_min, angle_increment, range_min, range_max)
     chart = read_map(map_file)
     if chart.warning:
@@ -106,6 +111,7 @@ def localize(
     if draw is not None and not draw.parent.is_dir():
         raise ConfigError(f"--draw: {draw}: {draw.parent} is not a folder")
     log = read_log(log_file, form, Topics(scan_topic, odom_topic))
+    log = log.with_odometry_scaled(odom_scale)
     if draw is not None:
         refuse_inputs("--draw", (draw,))
     for remark in log.remarks():
@@ -113,6 +119,7 @@ def localize(
     warn_of_guess(log_file, log)
     if base_from_scan is None:
         warn_of_place(log_file, log)
+    check_scale(log_file, log, base_from_scan, odom_scale)
     check_turn(log_file, log, base_from_scan)
     done = run(chart, log, begin, base_from_scan, seed)
     fixes, left_out = done.found, done.without_odometry

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mazebot.common.config import ConfigError
-from mazebot.common.maths.frames import SE2
+from mazebot.common.maths.frames import SE2, wrap_angle
 from mazebot.common.robot.waffle import BASE_FROM_SCAN
 
 if TYPE_CHECKING:
@@ -25,6 +25,12 @@ CLOCK_SET_S = 10.0
 """A clock that goes back by more, and on from there, was set or has run over."""
 _MADE_UP_S = 1.0
 """At most, between scans that have no time of their own: slower than any robot."""
+
+_GAP_S, _GAP_STEPS = 1.0, 3.0
+"""Odometry that comes so much later than the one before, and than usual, is missing between."""
+_GAP_MOVED_M, _GAP_TURNED_RAD = 0.1, 0.1
+"""A robot that moved less was about there meanwhile."""
+_GAPS_SHOWN = 5
 
 
 @dataclass(frozen=True)
@@ -67,6 +73,17 @@ class Entry:
     scan: LoggedScan | None
 
 
+class Gap(NamedTuple):
+    """Odometry is missing between two stamps."""
+
+    from_ns: int
+    to_ns: int
+
+    def holds(self, entry: Entry) -> bool:
+        """Whether it is a scan in it."""
+        return entry.scan is not None and self.from_ns < entry.stamp_ns < self.to_ns
+
+
 class Reach(NamedTuple):
     """How far a lidar sees, where that is far less than it states."""
 
@@ -95,6 +112,8 @@ class Log:
     """Poses that are not finite."""
     scans_left_out: int = 0
     """Scans whose beams have no direction: angles that are not finite, or an increment of 0."""
+    over_a_turn: int = 0
+    """Scans left out because their beams go round more than once."""
     scans_without_limits: int = 0
     """Scans whose range_min or range_max is not a number, or the latter not larger."""
     no_returns: str = ""
@@ -117,9 +136,59 @@ class Log:
         """How many scans there are."""
         return sum(entry.scan is not None for entry in self.entries)
 
+    def scans_by_lidar(self) -> dict[str, list[tuple[float, LoggedScan]]]:
+        """Of each frame of scans, their times in s and themselves, the earliest first."""
+        found: dict[str, list[tuple[float, LoggedScan]]] = {}
+        for entry in self.entries:
+            if entry.scan is not None:
+                found.setdefault(entry.scan.frame_id, []).append(
+                    (entry.stamp_ns * 1e-9, entry.scan)
+                )
+        return found
+
+    def odometry_at(self, times_s: NDArray[np.float64]) -> NDArray[np.float64] | None:
+        """(n, 3) odom_from_base at (n,) times, the yaw not wrapped; None: there is no odometry."""
+        poses = [
+            (entry.stamp_ns * 1e-9, *entry.odom_from_base)
+            for entry in self.entries
+            if entry.odom_from_base is not None
+        ]
+        if not poses:
+            return None
+        odometry = np.array(poses)
+        odometry[:, 3] = np.unwrap(odometry[:, 3])
+        columns = [np.interp(times_s, odometry[:, 0], odometry[:, k]) for k in (1, 2, 3)]
+        return np.column_stack(columns)
+
+    def with_odometry_scaled(self, factor: float) -> Log:
+        """The log with x and y of odometry's poses times this."""
+        return replace(self, entries=[_scaled(entry, factor) for entry in self.entries])
+
+    def gaps(self) -> list[Gap]:
+        """Where odometry is missing for long, and has moved then: what was between is not known."""
+        poses = [entry for entry in self.entries if entry.odom_from_base is not None]
+        times_ns = np.array([entry.stamp_ns for entry in poses])
+        steps_s = np.diff(times_ns) * 1e-9
+        if not len(steps_s):
+            return []
+        least_s = max(_GAP_S, _GAP_STEPS * float(np.median(steps_s)))
+        return [
+            Gap(poses[i].stamp_ns, poses[i + 1].stamp_ns)
+            for i in np.flatnonzero(steps_s > least_s)
+            if _has_moved(poses[i].odom_from_base, poses[i + 1].odom_from_base)
+        ]
+
     def remarks(self) -> list[str]:
         """What to say of times and poses that are not used as they are."""
         found = []
+        gaps = [gap for gap in self.gaps() if any(map(gap.holds, self.entries))]
+        for gap in gaps[:_GAPS_SHOWN]:
+            found.append(
+                f"odometry has a gap of {(gap.to_ns - gap.from_ns) * 1e-9:.1f} s at "
+                f"{gap.from_ns * 1e-9:.3f} s: where the robot was at the scans in it is not known"
+            )
+        if len(gaps) > _GAPS_SHOWN:
+            found.append(f"odometry has {len(gaps) - _GAPS_SHOWN} more gaps")
         if self.retimed:
             found.append(
                 f"{self.retimed} of {self.scans} scans are not later than those before: they "
@@ -138,6 +207,11 @@ class Log:
             found.append(
                 f"{self.scans_left_out} scans have an angle_min or angle_increment that is not "
                 "finite, or an increment of 0: left out"
+            )
+        if self.over_a_turn:
+            found.append(
+                f"{self.over_a_turn} scans have beams over more than a turn by their "
+                "angle_increment, which must be radians: left out"
             )
         if self.scans_without_limits:
             found.append(
@@ -178,10 +252,14 @@ class Log:
 
     def steps(self) -> Iterator[Entry]:
         """Odometry and scans one at a time, a scan after the odometry that follows it: its own time
-        lies between two then.
+        lies between two then; in a gap of odometry, after the one before it.
         """
+        ends_ns = {gap.to_ns for gap in self.gaps()}
         waiting: list[Entry] = []
         for entry in self.entries:
+            if entry.stamp_ns in ends_ns:
+                yield from waiting
+                waiting = []
             if entry.odom_from_base is not None:
                 yield Entry(entry.stamp_ns, entry.odom_from_base, None)
             if entry.scan is not None:
@@ -190,6 +268,18 @@ class Log:
                 yield from waiting
                 waiting = []
         yield from waiting
+
+
+def _scaled(entry: Entry, factor: float) -> Entry:
+    pose = entry.odom_from_base
+    if pose is None:
+        return entry
+    return replace(entry, odom_from_base=SE2(pose.x_m * factor, pose.y_m * factor, pose.yaw_rad))
+
+
+def _has_moved(before: SE2, after: SE2) -> bool:
+    turned_rad = abs(wrap_angle(after.yaw_rad - before.yaw_rad))
+    return before.distance_m(after) > _GAP_MOVED_M or turned_rad > _GAP_TURNED_RAD
 
 
 def _named(frames: Iterable[str]) -> str:

@@ -50,6 +50,20 @@ RangeMax = Annotated[
     typer.Option(help="m; longest range [default: 3.5; CARMEN and a bag: the log's]"),
 ]
 
+OdomScale = Annotated[
+    float,
+    typer.Option(
+        help="x and y of odometry are multiplied by it, to be metres: 0.01 where they are "
+        "centimetres"
+    ),
+]
+
+
+def check_odom_scale(odom_scale: float) -> None:
+    """Raises ConfigError where the option is out of its range."""
+    if not 0.0 < odom_scale < math.inf:
+        raise ConfigError(f"--odom-scale: {odom_scale:g}: must be a finite number > 0")
+
 
 def scan_form(
     angle_min: float | None,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import zlib
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import IO, cast
 
@@ -31,7 +32,37 @@ def read_log(path: Path, form: ScanForm, topics: Topics | None = None) -> Log:
 
     Raises ConfigError with one line that names file, line or topic, and what is wrong.
     """
-    return with_reach(_read(path, form, topics or Topics()))
+    return with_reach(_within_a_turn(path, _read(path, form, topics or Topics())))
+
+
+def _within_a_turn(path: Path, log: Log) -> Log:
+    """The log without scans whose beams go round more than once: they are given in degrees.
+
+    Raises ConfigError where all do.
+    """
+    from mazebot.common.messages.scan import MOST_TURNS, turns_of  # noqa: PLC0415 - loads Numba
+
+    entries, beyond = [], None
+    for entry in log.entries:
+        scan = entry.scan
+        if scan and turns_of(scan.angle_increment_rad, len(scan.ranges_m)) > MOST_TURNS:
+            beyond = scan
+            entry = replace(entry, scan=None)  # noqa: PLW2901 - its odometry stays
+        entries.append(entry)
+    if beyond is None:
+        return log
+    increment_rad, beams = abs(beyond.angle_increment_rad), len(beyond.ranges_m)
+    left = replace(
+        log,
+        entries=entries,
+        over_a_turn=log.scans - sum(entry.scan is not None for entry in entries),
+    )
+    if not left.scans:
+        raise ConfigError(
+            f"--log: {path}: angle_increment {increment_rad:g} x {beams} beams is "
+            f"{turns_of(increment_rad, beams):.3g} turns: must be radians, and at most a turn"
+        )
+    return left
 
 
 def _read(path: Path, form: ScanForm, topics: Topics) -> Log:

@@ -54,7 +54,7 @@ def check_turn(log_file: object, log: Log, base_from_scan: SE2 | None) -> None:
 
     `base_from_scan` is where the caller says that the lidar is; None: where the log says.
     """
-    frames = sorted({entry.scan.frame_id for entry in log.entries if entry.scan is not None})
+    frames = sorted(log.scans_by_lidar())
     for frame in frames:
         turn = better_turn(log, frame, base_from_scan)
         if turn is None:
@@ -104,22 +104,11 @@ class _Pair(NamedTuple):
 
 
 def _pairs(log: Log, frame: str, base_from_scan: SE2 | None) -> list[_Pair]:
-    poses = [
-        (entry.stamp_ns * 1e-9, *entry.odom_from_base)
-        for entry in log.entries
-        if entry.odom_from_base is not None
-    ]
-    scans = [
-        (entry.stamp_ns * 1e-9, entry.scan)
-        for entry in log.entries
-        if entry.scan is not None and entry.scan.frame_id == frame
-    ]
-    if not poses or not scans:
-        return []
-    odometry = np.array(poses)
-    odometry[:, 3] = np.unwrap(odometry[:, 3])
+    scans = log.scans_by_lidar()[frame]
     times_s = np.array([time_s for time_s, _ in scans])
-    at = np.column_stack([np.interp(times_s, odometry[:, 0], odometry[:, k]) for k in (1, 2, 3)])
+    at = log.odometry_at(times_s)
+    if at is None:
+        return []
     found = list(_apart(times_s, at))
     found = [found[i] for i in _spread(len(found))]
     pairs = []
@@ -183,11 +172,7 @@ def _moved(pose: SE2, points_m: Array) -> Array:
 
 def _remedy(log: Log, frame: str, base_from_scan: SE2 | None, turn: Turn, is_alone: bool) -> str:
     """What to give, where there is an option for it."""
-    scan = next(
-        entry.scan
-        for entry in log.entries
-        if entry.scan is not None and entry.scan.frame_id == frame
-    )
+    _, scan = log.scans_by_lidar()[frame][0]
     turned_rad = turn.quarters * _QUARTER_RAD
     if turn.is_mirrored and not frame:
         angle_min_rad = wrap_angle(turned_rad - scan.angle_min_rad)

@@ -16,15 +16,18 @@ from mazebot.cli.logs.options import (
     AngleMin,
     Lidar,
     LogFile,
+    OdomScale,
     OdomTopic,
     RangeMax,
     RangeMin,
     ScanTopic,
+    check_odom_scale,
     scan_form,
     warn_of_guess,
     warn_of_place,
 )
 from mazebot.cli.logs.read import read_log
+from mazebot.cli.logs.scale import check_scale
 from mazebot.cli.logs.turned import check_turn
 from mazebot.cli.map.build_run import reasons, run
 from mazebot.cli.map.relations import RelationErrors, read_relations, relation_errors
@@ -82,12 +85,14 @@ def build(
     range_max: RangeMax = None,
     scan_topic: ScanTopic = "/scan",
     odom_topic: OdomTopic = "/odom",
+    odom_scale: OdomScale = 1.0,
     as_json: Json = False,
 ) -> None:
     """Build a map from a recorded log, as mapping does on the robot, and print figures of it."""
     if log_file is None or out is None:
         missing = "--log" if log_file is None else "--out"
         raise ConfigError(f"{missing}: must be given")
+    check_odom_scale(odom_scale)
     form = scan_form(angle_min, angle_increment, range_min, range_max)
     base_from_scan = None if lidar is None else SE2(*given_pose("--lidar", lidar))
     _check_folder(out)
@@ -99,6 +104,7 @@ def build(
     slam_params = _params(params)
     say_first(f"reading {log_file}", as_json)
     log = read_log(log_file, form, Topics(scan_topic, odom_topic))
+    log = log.with_odometry_scaled(odom_scale)
     warn_of_guess(log_file, log)
     refuse_inputs("--out", (out / name for name in _FILES))
     if draw is not None:
@@ -107,6 +113,7 @@ def build(
         warn_of_place(log_file, log)
     if log.no_returns:
         raise ConfigError(f"--log: {log_file}: {log.no_returns}: --range-min, --range-max set them")
+    check_scale(log_file, log, base_from_scan, odom_scale)
     check_turn(log_file, log, base_from_scan)
     try:
         with ProgressLine(wanted=not as_json) as progress:
@@ -165,14 +172,20 @@ def _check_folder(out: Path) -> None:
 
 
 def _check_used(log_file: Path, built: Built) -> None:
-    """Raises ConfigError where most scans could not be used, or show no wall: a map of a small part
-    of a log is not the map that was asked for.
+    """Raises ConfigError where most scans could not be used, contradict odometry, or show no wall:
+    a map of a small part of a log is not the map that was asked for.
     """
     used, wanted = _used(built)
     if 2 * used < wanted:
         raise ConfigError(
             f"--log: {log_file}: {used} of {wanted} scans could be used, "
             f"{reasons(built.slam.left_out)}: must be at least half of them"
+        )
+    jumps = len(built.slam.jumps)
+    if 2 * jumps > used:
+        raise ConfigError(
+            f"--log: {log_file}: the scans contradict odometry at {jumps} of {used} scans, where "
+            "it moves by more than 1 m: must be metres and radians: --odom-scale sets the former"
         )
     if not (built.slam.grid().cells > _HALF).any():
         raise ConfigError(
@@ -250,7 +263,7 @@ def _remarks(log: Log, figures: dict[str, Any]) -> list[tuple[str, str]]:
     for jump in jumps[:_JUMPS_SHOWN]:
         rows.append(
             ("jump", f"odometry by {jump['moved_m']:.2f} m and {jump['turned_rad']:.2f} rad, "
-             f"{jump['from_s']:.3f} to {jump['to_s']:.3f} s: the scans show that the robot stayed")
+             f"{jump['from_s']:.3f} to {jump['to_s']:.3f} s: the scans contradict it")
         )  # fmt: skip
     if len(jumps) > _JUMPS_SHOWN:
         rows.append(("jump", f"and {len(jumps) - _JUMPS_SHOWN} more"))

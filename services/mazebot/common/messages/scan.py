@@ -13,6 +13,9 @@ from mazebot.common.maths import portable_kernels
 from mazebot.common.maths.frames import SE2, Array, se2_from_matrix
 from mazebot.common.messages.messages import LaserScan, ns_from_time
 
+MOST_TURNS = 1.1
+"""A lidar's beams may overlap a little; those of an increment in degrees go round 57 times."""
+
 
 @dataclass(frozen=True, slots=True)
 class Mount:
@@ -71,10 +74,21 @@ class Scan:
         """Whether a range can lie within its limits: `range_max` may be inf, neither may be NaN."""
         return math.isfinite(self.range_min_m) and self.range_min_m < self.range_max_m
 
+    @property
+    def has_angles(self) -> bool:
+        """Whether its beams have directions: finite ones, over little more than a turn at most."""
+        are_finite = math.isfinite(self.angle_min_rad) and math.isfinite(self.angle_increment_rad)
+        return are_finite and turns_of(self.angle_increment_rad, len(self.ranges_m)) <= MOST_TURNS
+
     def directions(self) -> Array:
         """(n, 2) unit vectors of the beams in base_footprint."""
         first_rad = self.angle_min_rad + self.base_from_scan.yaw_rad
         return _directions(len(self.ranges_m), float(first_rad), float(self.angle_increment_rad))
+
+
+def turns_of(increment_rad: float, beams: int) -> float:
+    """How often so many beams go round, from the first to the last."""
+    return abs(increment_rad) * max(0, beams - 1) / math.tau
 
 
 # All scans of a lidar have the same beams.
