@@ -141,7 +141,8 @@ def test_a_service_says_once_what_counts_otherwise(
 
 
 def test_what_only_changes_nothing_is_no_warning() -> None:
-    said = summary(told("controller_server", {"odom_duration": 0.3}), "navigation")
+    values = {"odom_duration": 0.3, "use_sim_time": False}
+    said = summary(told("controller_server", values), "navigation")
     assert said is not None
     assert said[0] == logging.INFO
     assert summary(told("controller_server", {"failure_tolerance": 0.5}), "navigation") is None

@@ -13,6 +13,7 @@ from mazebot.common.config import ConfigError, put_value, value_of
 from mazebot.common.nav2_params.entry import Entry, joined_notes
 from mazebot.common.nav2_params.loader import Nav2Params
 from mazebot.common.nav2_params.parameter import OWN_NAME, Group, Value
+from mazebot.common.nav2_params.tables.every_node import EVERY_NODE
 from mazebot.common.nav2_params.tables.nodes import NODES
 from mazebot.common.nav2_params.targets import (
     CONVERSIONS,
@@ -309,7 +310,9 @@ def _as_always(entry: Entry, row: Row) -> Row:
     values = " or ".join(fixed)
     if given.lstrip("/") not in fixed:
         note = joined_notes(row.note, f"is always {values} here")
-        return dataclasses.replace(row, note=note, differs=not entry.unresolved)
+        # A real robot's file has the clock of the machine in each of its nodes.
+        differs = not entry.unresolved and entry.place != EVERY_NODE.place
+        return dataclasses.replace(row, note=note, differs=differs)
     status: Status = "mapped" if entry.renamed or entry.unresolved else "used"
     return dataclasses.replace(
         row, status=status, note=joined_notes(row.note, "is fixed to this value here")
