@@ -139,7 +139,8 @@ def with_a_marker() -> NodeDriver:
 
 def camera_info(focal_px: float = 554.4) -> msg.CameraInfo:
     matrix = np.array([[focal_px, 0.0, 320.0], [0.0, focal_px, 240.0], [0.0, 0.0, 1.0]])
-    return replace(SAMPLES[CAMERA_INFO], width=640, height=480, k=matrix.reshape(9))
+    info: msg.CameraInfo = SAMPLES[CAMERA_INFO]
+    return replace(info, width=640, height=480, k=matrix.reshape(9))
 
 
 def test_docks_are_where_the_newest_camera_sees_the_marker() -> None:

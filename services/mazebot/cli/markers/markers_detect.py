@@ -192,7 +192,7 @@ def _eight_bits(picture: Image.Image) -> Picture:
     if picture.has_transparency_data:
         seen = picture.convert("RGBA")
         # One that hides everything says nothing.
-        if seen.getextrema()[3][1] > 0:
+        if np.asarray(seen)[..., 3].any():
             picture = Image.alpha_composite(Image.new("RGBA", seen.size, "white"), seen)
     return np.asarray(picture.convert("RGB"), np.uint8)
 

@@ -6,13 +6,15 @@ two places still less: what it shows is where the robot was.
 
 from __future__ import annotations
 
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mazebot.common.maths.frames import SE2
-from mazebot.common.messages.scan import Scan
+
+if TYPE_CHECKING:
+    from mazebot.common.messages.scan import Scan
 
 FROZEN: Final = "repeated while the robot moves"
 """Why such a scan is left out."""

@@ -26,7 +26,8 @@ def known_markers(world: World, markers: Iterable[MarkerEntity]) -> KnownMarkers
     mapped: dict[tuple[str, int], list[MappedMarker]] = {}
     for one in world.mapped_markers or ():
         mapped.setdefault((one.dictionary, one.marker_id), []).append(one)
-    known, unknown = [], {}
+    known: list[MarkerEntity] = []
+    unknown: dict[str, str] = {}
     hanging = set()
     for marker in markers:
         key = (marker.dictionary, marker.marker_id)
