@@ -48,6 +48,7 @@ STABLE = {"stable", "mergesort"}
 COMPILED = {"kernel", "shared_kernel", "elementwise", "c_function"}
 POSES = {
     "common/world/footprint.py": 1,
+    "common/world/marker_file.py": 1,
     "common/world/placement.py": 1,
     "common/messages/messages.py": 1,
     "common/robot/wheel_slip.py": 11,
@@ -56,7 +57,7 @@ POSES = {
     "localization/global_search/hypotheses.py": 3,
     "localization/likelihood_field.py": 1,
     "localization/messages.py": 1,
-    "localization/monte_carlo.py": 20,
+    "localization/monte_carlo.py": 22,
     "localization/node.py": 3,
     "mapping/kernels.py": 1,
     "mapping/graph/landmarks.py": 4,

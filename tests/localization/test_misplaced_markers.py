@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mazebot.common.maths.frames import SE2, Array, rotation_from_rpy
-from mazebot.localization.marker_trust import marker_key
+from mazebot.localization.markers.marker_trust import marker_key
 from tests.localization import offline
 
 NEAR = np.diag([0.05, 0.05, 0.05]) ** 2
@@ -41,7 +41,8 @@ def wander(
     """Drive by scans and markers, some of which are mapped, or hang, elsewhere; returns the states
     and the largest error.
     """
-    states, worst_m = set(), 0.0
+    states: set[str] = set()
+    worst_m = 0.0
     for step in range(round(seconds * 20)):
         made.wander()
         for index, marker in enumerate(made.place.markers if step % 2 else ()):

@@ -69,14 +69,14 @@ from mazebot.localization.global_search.hypotheses import (
 from mazebot.localization.global_search.scan_matching import refine
 from mazebot.localization.gone import seen_through, without_gone
 from mazebot.localization.likelihood_field import likelihood_field
-from mazebot.localization.marker_model import (
+from mazebot.localization.markers.marker_model import (
     MarkerCandidate,
     MarkerNoise,
     Sighting,
     mixture_likelihood,
     sightings,
 )
-from mazebot.localization.marker_trust import MarkerKey, MarkerTrust, marker_key
+from mazebot.localization.markers.marker_trust import MarkerKey, MarkerTrust, marker_key
 from mazebot.localization.params import LocalizationParams
 from mazebot.localization.particle_set import ParticleSet
 from mazebot.localization.pose_monitor import PoseMonitor, is_far

@@ -67,7 +67,7 @@ from mazebot.common.robot.wheel_slip import WheelSlip, log_slip
 from mazebot.common.world.costmap import MAX_MAP_CELLS
 from mazebot.localization.config import STEP_PERIOD_NS, LocalizationConfig
 from mazebot.localization.kernels import compile_kernels
-from mazebot.localization.marker_trust import marker_key
+from mazebot.localization.markers.marker_trust import marker_key
 from mazebot.localization.messages import cloud_message, unseen_cells
 from mazebot.localization.monte_carlo import Localization, LocalizationState
 
@@ -95,6 +95,8 @@ class LocalizationNode(Node):
         self._map: msg.OccupancyGrid | None = None
         self._entities: Entities | None = None
         self._markers: dict[int, Array] = {}
+        self._doubled: set[int] = set()
+        """Ids that are in two places."""
         self._misplaced: set[int] = set()
         """Ids of those that the scans contradict."""
         self._static_frames = FrameTree()
@@ -223,15 +225,17 @@ class LocalizationNode(Node):
             known = self._entities.markers
         else:
             return
-        doubled = set()
+        doubled: set[int] = set()
         for entity in known:
             # Detections tell the id alone.
             if entity.marker_id in self._markers:
                 doubled.add(entity.marker_id)
             self._markers[entity.marker_id] = pose_matrix(entity)
         for marker_id in sorted(doubled):
-            _LOG.warning("marker %d is in two places: ignored", marker_id)
+            if marker_id not in self._doubled:
+                _LOG.warning("marker %d is in two places: ignored", marker_id)
             del self._markers[marker_id]
+        self._doubled = doubled
 
     def _reset(self) -> None:
         """Drop all measurements; the filter restarts at the start pose."""
@@ -495,6 +499,9 @@ class LocalizationNode(Node):
 
 def _place_of(map_from_marker: Array) -> str:
     """`(1.20 -0.35), facing 90 degrees`."""
-    heading_rad = portable.atan2(float(map_from_marker[1, 2]), float(map_from_marker[0, 2]))
     x_m, y_m = map_from_marker[:2, 3].tolist()
-    return f"({x_m:.2f} {y_m:.2f}), facing {round(math.degrees(heading_rad)) % 360} degrees"
+    normal_x, normal_y, normal_z = map_from_marker[:3, 2].tolist()
+    facing = f"facing {round(math.degrees(portable.atan2(normal_y, normal_x))) % 360} degrees"
+    if abs(normal_z) > math.hypot(normal_x, normal_y):
+        facing = "facing " + ("up" if normal_z > 0.0 else "down")
+    return f"({x_m:.2f} {y_m:.2f}), {facing}"

@@ -10,7 +10,7 @@ from mazebot.common.maths import portable
 from mazebot.common.maths.frames import SE2, Array
 from mazebot.localization import particle_filter as pf
 from mazebot.localization.candidates import CERTAIN_QUALITY, GATE
-from mazebot.localization.marker_model import Sighting
+from mazebot.localization.markers.marker_model import Sighting
 from mazebot.localization.params import LocalizationParams
 
 _HOPELESS = 0.4

@@ -25,7 +25,8 @@ _NORM_ERROR = 0.01
 """So far from 1, a quaternion was rounded; farther, it is none."""
 _BESIDE_M = 10.0
 """No marker that is farther than this from a map can be read from it."""
-_UPRIGHT = math.cos(math.radians(45.0))
+_UPRIGHT = 0.7
+"""Cosine of 45 degrees, within which a marker hangs upright."""
 _UPRIGHT_XYZW = "[0.5, 0.5, 0.5, 0.5]"
 
 Kind = TypeVar("Kind", bound=Document)

@@ -27,7 +27,7 @@ from mazebot.localization.beam_model import (
 )
 from mazebot.localization.global_search.global_search import SearchMap, distinct, global_search
 from mazebot.localization.global_search.scan_matching import refine
-from mazebot.localization.marker_model import Sighting, mixture_likelihood
+from mazebot.localization.markers.marker_model import Sighting, mixture_likelihood
 
 _KEYFRAMES = 16
 """Keyframes that count: about 4 m of driving."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from mazebot.common.maths import portable
 from mazebot.common.maths.frames import SE2, Array
-from mazebot.localization.marker_model import MarkerCandidate
+from mazebot.localization.markers.marker_model import MarkerCandidate
 
 _CONTRADICTIONS = 3
 """Of a marker, more than it has confirmed, after which it is not used."""
