@@ -154,6 +154,11 @@ class TestGaps:
         ]
         assert max(off_m) < 0.1
 
+    def test_odometry_that_comes_too_rarely_has_gaps_and_does_not_tell_of_its_scale(self) -> None:
+        log, _ = self.hall(0.0, 12.0)
+        assert log.gaps()
+        assert way_ratio(log, None) is None
+
     @pytest.mark.parametrize(("missing_s", "every_s"), [(0.5, STEP_S), (0.0, 1.5)])
     def test_odometry_that_is_rare_or_late_has_no_gap(
         self, missing_s: float, every_s: float

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mazebot.common.config import ConfigError
-from mazebot.common.maths.frames import SE2, wrap_angle
+from mazebot.common.maths.frames import SE2, Array, wrap_angle
 from mazebot.common.robot.waffle import BASE_FROM_SCAN
 
 if TYPE_CHECKING:
@@ -26,8 +28,10 @@ CLOCK_SET_S = 10.0
 _MADE_UP_S = 1.0
 """At most, between scans that have no time of their own: slower than any robot."""
 
-_GAP_S, _GAP_STEPS = 1.0, 3.0
-"""Odometry that comes so much later than the one before, and than usual, is missing between."""
+_GAP_S, _GAP_STEPS, _MOST_GAP_S = 1.0, 3.0, 3.0
+"""Odometry that comes so much later than the one before, and than usual, is missing between;
+whatever is usual, after the last.
+"""
 _GAP_MOVED_M, _GAP_TURNED_RAD = 0.1, 0.1
 """A robot that moved less was about there meanwhile."""
 _GAPS_SHOWN = 5
@@ -78,10 +82,6 @@ class Gap(NamedTuple):
 
     from_ns: int
     to_ns: int
-
-    def holds(self, entry: Entry) -> bool:
-        """Whether it is a scan in it."""
-        return entry.scan is not None and self.from_ns < entry.stamp_ns < self.to_ns
 
 
 class Reach(NamedTuple):
@@ -146,42 +146,49 @@ class Log:
                 )
         return found
 
-    def odometry_at(self, times_s: NDArray[np.float64]) -> NDArray[np.float64] | None:
-        """(n, 3) odom_from_base at (n,) times, the yaw not wrapped; None: there is no odometry."""
+    def odometry(self) -> Array:
+        """(k, 4) time in s and odom_from_base, the yaw not wrapped."""
         poses = [
             (entry.stamp_ns * 1e-9, *entry.odom_from_base)
             for entry in self.entries
             if entry.odom_from_base is not None
         ]
-        if not poses:
-            return None
-        odometry = np.array(poses)
-        odometry[:, 3] = np.unwrap(odometry[:, 3])
-        columns = [np.interp(times_s, odometry[:, 0], odometry[:, k]) for k in (1, 2, 3)]
-        return np.column_stack(columns)
+        found = np.array(poses).reshape(-1, 4)
+        found[:, 3] = np.unwrap(found[:, 3])
+        return found
 
     def with_odometry_scaled(self, factor: float) -> Log:
         """The log with x and y of odometry's poses times this."""
         return replace(self, entries=[_scaled(entry, factor) for entry in self.entries])
 
     def gaps(self) -> list[Gap]:
-        """Where odometry is missing for long, and has moved then: what was between is not known."""
-        poses = [entry for entry in self.entries if entry.odom_from_base is not None]
-        times_ns = np.array([entry.stamp_ns for entry in poses])
-        steps_s = np.diff(times_ns) * 1e-9
+        """Where odometry is missing for long, and has moved then: how it was at the scans between
+        is not known.
+        """
+        poses = [
+            (entry.stamp_ns, entry.odom_from_base)
+            for entry in self.entries
+            if entry.odom_from_base is not None
+        ]
+        steps_s = np.diff([stamp_ns for stamp_ns, _ in poses]) * 1e-9
         if not len(steps_s):
             return []
-        least_s = max(_GAP_S, _GAP_STEPS * float(np.median(steps_s)))
+        least_s = min(max(_GAP_S, _GAP_STEPS * float(np.median(steps_s))), _MOST_GAP_S)
+        long = [
+            Gap(from_ns, to_ns)
+            for (from_ns, before), (to_ns, after) in itertools.pairwise(poses)
+            if (to_ns - from_ns) * 1e-9 > least_s and _has_moved(before, after)
+        ]
+        scans_ns = [entry.stamp_ns for entry in self.entries if entry.scan is not None]
         return [
-            Gap(poses[i].stamp_ns, poses[i + 1].stamp_ns)
-            for i in np.flatnonzero(steps_s > least_s)
-            if _has_moved(poses[i].odom_from_base, poses[i + 1].odom_from_base)
+            gap
+            for gap in long
+            if bisect_right(scans_ns, gap.from_ns) < bisect_left(scans_ns, gap.to_ns)
         ]
 
     def remarks(self) -> list[str]:
         """What to say of times and poses that are not used as they are."""
-        found = []
-        gaps = [gap for gap in self.gaps() if any(map(gap.holds, self.entries))]
+        found, gaps = [], self.gaps()
         for gap in gaps[:_GAPS_SHOWN]:
             found.append(
                 f"odometry has a gap of {(gap.to_ns - gap.from_ns) * 1e-9:.1f} s at "
@@ -268,6 +275,16 @@ class Log:
                 yield from waiting
                 waiting = []
         yield from waiting
+
+
+def interpolated(
+    odometry: NDArray[np.float64], times_s: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(n, 3) odom_from_base at (n,) times, by (k, 4) with its own times, of which there are some;
+    the yaw is not wrapped.
+    """
+    columns = [np.interp(times_s, odometry[:, 0], odometry[:, k]) for k in (1, 2, 3)]
+    return np.column_stack(columns)
 
 
 def _scaled(entry: Entry, factor: float) -> Entry:

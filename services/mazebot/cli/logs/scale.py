@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from mazebot.cli.logs.log import Log, LoggedScan
+from mazebot.cli.logs.log import Log, LoggedScan, interpolated
 from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import SE2, Array
 
@@ -89,15 +89,18 @@ def _ratios(log: Log, base_from_scan: SE2 | None) -> Iterator[float]:
     """Of pairs of scans of a lidar: the way by them as a multiple of odometry's; 1 where they fit
     as well by odometry.
     """
+    odometry = log.odometry()
+    if not len(odometry):
+        return
     for scans in log.scans_by_lidar().values():
         times_s = np.array([time_s for time_s, _ in scans])
-        poses = log.odometry_at(times_s)
-        if poses is None:
-            return
+        poses = interpolated(odometry, times_s)
+        # Between two poses of odometry, nothing was measured.
+        measured = np.searchsorted(odometry[:, 0], times_s, side="right")
         for first in _starts(poses):
-            ratio = _ratio(scans, poses, first, base_from_scan)
-            if ratio is not None:
-                yield ratio
+            pair = _pair(scans, poses, first, base_from_scan)
+            if pair is not None and measured[pair.second] > measured[first]:
+                yield pair.ratio
 
 
 def _starts(poses: Array) -> list[int]:
@@ -107,10 +110,18 @@ def _starts(poses: Array) -> list[int]:
     return [int(i) for i in driven[:: max(1, len(driven) // _MOST_STARTS)]]
 
 
-def _ratio(
+class _Pair(NamedTuple):
+    """Two scans that are far enough apart."""
+
+    second: int
+    """Index of the later one."""
+    ratio: float
+
+
+def _pair(
     scans: list[tuple[float, LoggedScan]], poses: Array, first: int, base_from_scan: SE2 | None
-) -> float | None:
-    """From this scan to one that is far enough away by the scans; None: there is none, or they do
+) -> _Pair | None:
+    """This scan and one that is far enough away by the scans; None: there is none, or they do
     not tell.
     """
     from mazebot.mapping.matching.local_map import local_map  # noqa: PLC0415 - loads Numba
@@ -133,7 +144,7 @@ def _ratio(
             odometry_m = math.hypot(by_odometry.x_m, by_odometry.y_m)
             if odometry_m < _STOOD * way_m:
                 return None
-            return way_m / odometry_m if is_contradicted else 1.0
+            return _Pair(first + ahead, way_m / odometry_m if is_contradicted else 1.0)
         ahead *= 2
     return None
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mazebot.cli.logs.log import Log, LoggedScan
+from mazebot.cli.logs.log import Log, LoggedScan, interpolated
 from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import SE2, Array, wrap_angle
 from mazebot.common.robot.waffle import BASE_FROM_SCAN
@@ -105,10 +105,11 @@ class _Pair(NamedTuple):
 
 def _pairs(log: Log, frame: str, base_from_scan: SE2 | None) -> list[_Pair]:
     scans = log.scans_by_lidar()[frame]
-    times_s = np.array([time_s for time_s, _ in scans])
-    at = log.odometry_at(times_s)
-    if at is None:
+    odometry = log.odometry()
+    if not len(odometry):
         return []
+    times_s = np.array([time_s for time_s, _ in scans])
+    at = interpolated(odometry, times_s)
     found = list(_apart(times_s, at))
     found = [found[i] for i in _spread(len(found))]
     pairs = []
