@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from mazebot.common.client.robot import Receive, Robot, ignore
+from mazebot.common.client.robot import Receive, Robot, UnreachableError, ignore
 from mazebot.common.messages.topics import Query, Topic
 from mazebot.common.node.node import Envelope
 
@@ -18,6 +18,7 @@ class FakeRobot(Robot):
         self.newest: dict[str, Any] = {}
         self.watches: list[tuple[tuple[Topic[Any], ...], Receive]] = []
         self.is_closed = False
+        self.is_lost = False
 
     def send(self, topic: Topic[Any], message: Any) -> None:
         """A message of a service."""
@@ -42,6 +43,8 @@ class FakeRobot(Robot):
         return self.newest.get(topic.name)
 
     def alive(self) -> dict[str, frozenset[str]]:
+        if self.is_lost:
+            raise UnreachableError("the router is lost")
         return self.running
 
     def now_ns(self) -> int:

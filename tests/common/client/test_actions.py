@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mazebot.common.client.actions import ActionClient
+from mazebot.common.client.robot import RobotError, UnreachableError
 from mazebot.common.client.service_watch import ServiceGoneError
 from mazebot.common.messages import action_documents as act
 from mazebot.common.messages.documents import CancelGoal
@@ -112,3 +113,22 @@ def test_a_goal_is_lost_with_its_service(
         client.send("next", SPIN, 1.0)
         if processes:
             client.update()
+
+
+def test_a_goal_is_not_lost_with_the_router(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mazebot.common.client.service_watch.PATIENCE_S", 0.0)
+    robot = FakeRobot()
+    robot.reply = lambda _: act.SendGoalReply(accepted=True)
+    with ActionClient(robot, ACTION_RESULT) as client:
+        client.send("mine", SPIN, 1.0)
+        robot.is_lost = True
+        with pytest.raises(UnreachableError, match="the router is lost"):
+            client.update()
+        robot.is_lost = False
+        robot.send(ACTION_RESULT, result("mine"))
+        client.update()
+        assert client.result == result("mine")
+    # Its messages come no more: whoever waits for them would wait for ever.
+    for call in (client.update, lambda: client.send("next", SPIN, 1.0)):
+        with pytest.raises(RobotError, match="the action client is closed"):
+            call()

@@ -15,7 +15,7 @@ from mazebot.cli.parsing.options import print_json
 from mazebot.cli.sim import PAUSED, stats_now
 from mazebot.common.client.actions import ActionClient, cancel_goal, rejection_text
 from mazebot.common.client.over_zenoh import ZenohRobot
-from mazebot.common.client.robot import Robot
+from mazebot.common.client.robot import Robot, UnreachableError
 from mazebot.common.client.service_watch import ServiceGoneError, wait_until_alive
 from mazebot.common.config import ConfigError
 from mazebot.common.messages import action_documents as act
@@ -105,7 +105,7 @@ def canceled_on_error(robot: Robot, goal: CancelGoal, line: ProgressLine) -> Ite
         line.show("")
         sys.stderr.write("canceled: the robot stops\n")
         raise
-    except ServiceGoneError:
+    except (ServiceGoneError, UnreachableError):
         raise
     except ConfigError:
         with contextlib.suppress(ConfigError):
@@ -122,7 +122,8 @@ def followed(
 ) -> R | None:
     """The result of a goal, with its progress on a line; None after `timeout_s` of wall time.
 
-    Raises ServiceGoneError where navigation has ended or was restarted.
+    Raises ServiceGoneError where navigation has ended or was restarted, UnreachableError where the
+    router is lost.
     """
     end_s = math.inf if timeout_s is None else time.monotonic() + timeout_s
     while client.result is None and (left_s := end_s - time.monotonic()) > 0.0:

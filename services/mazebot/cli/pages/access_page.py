@@ -53,7 +53,10 @@ mazebot keys revoke anna
 Anna sets `MAZEBOT_BUS_KEY_FILE=anna.key` and uses the same commands; what her key does not let her
 do is refused in a line. While a stack runs, keys may be made, revoked and replaced: within a second
 everyone signs in again, the robot stands for that time, and the services go on where they were. A
-key that is wrong changes nothing, and the router's log names it.
+key that is wrong changes nothing, and the router's log names it. A revoked key ends what its owner
+watches, with a line that says so, but not what the robot was told: a goal goes on to its end, and
+its result is recorded. Whoever may command the robot ends it by `mazebot cancel`, or holds the
+robot by `mazebot stop`.
 
 A service publishes the topics that the table gives it, and no others; nobody has its name but
 itself. A node of ROS 2 signs in by `ZENOH_CONFIG_OVERRIDE`, which `mazebot doctor --ros` prints

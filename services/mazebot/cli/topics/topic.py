@@ -20,6 +20,7 @@ from mazebot.cli.parsing.patience import wait_quietly
 from mazebot.cli.sim import paused
 from mazebot.common.client.over_zenoh import ZenohRobot
 from mazebot.common.client.robot import Robot
+from mazebot.common.client.service_watch import Silence
 from mazebot.common.client.subscription import Subscription
 from mazebot.common.config import ConfigError
 from mazebot.common.messages import wire
@@ -87,8 +88,11 @@ def measure_rate(endpoint: str, name: str, window_s: float, as_json: bool) -> No
     with ZenohRobot(endpoint) as robot:
         end = robot.watch((topic,), lambda *_: times_s.append(time.monotonic()))
         end_s = time.monotonic() + window_s
+        silence = Silence()
         while time.monotonic() < end_s:
+            before = len(times_s)
             time.sleep(min(0.1, window_s))
+            _check_router(robot, silence, len(times_s) > before)
         end()
         if len(times_s) < 2:
             count = f"{len(times_s)} message{'s' * (len(times_s) != 1)}"
@@ -125,10 +129,19 @@ def echo(endpoint: str, name: str, once: bool, timeout_s: float, as_json: bool) 
     with ZenohRobot(endpoint) as robot:
         with Subscription(robot, topic) as messages:
             end_s = time.monotonic() + timeout_s
+            silence = Silence()
             while time.monotonic() < end_s and not (once and count):
-                count += _print_next(messages, as_json)
+                has_received = _print_next(messages, as_json)
+                count += has_received
+                _check_router(robot, silence, has_received)
         if not count:
             raise _too_few(robot, topic, f"no message in {timeout_s:g} s")
+
+
+def _check_router(robot: Robot, silence: Silence, has_received: bool) -> None:
+    """Raises UnreachableError where nothing comes because the router is lost."""
+    if silence.is_long(has_received):
+        robot.alive()
 
 
 def _print_next(messages: Subscription, as_json: bool) -> bool:

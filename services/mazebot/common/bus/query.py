@@ -21,6 +21,10 @@ class QueryError(ConnectionError):
     """A query without a reply, or a rejected one; the text is one line."""
 
 
+class NoReplyError(QueryError):
+    """Nobody has replied to a query."""
+
+
 def _nothing() -> None:
     pass
 
@@ -38,8 +42,8 @@ def ask(
 
     A service that is starting is waited for, up to `start_s`: Zenoh gives an empty reply if no
     queryable exists, or if it has gone, or does not let the session ask. `check` is called once
-    where that happens, and raises QueryError where it is no use to wait. Raises QueryError on
-    timeout or where the query was rejected.
+    where that happens, and raises QueryError where it is no use to wait. Raises NoReplyError on
+    timeout, QueryError where the query was rejected.
     """
     key = keys.of_query(query)
     payload = wire.encode_json(cast("Document", message))
@@ -56,6 +60,6 @@ def ask(
         check()
         check = _nothing
         if start_s < time.monotonic() - begin_s < timeout_s:
-            raise QueryError(f"{query.name}: {query.owner} is not running")
+            raise NoReplyError(f"{query.name}: {query.owner} is not running")
         time.sleep(0.02)
-    raise QueryError(f"{query.name}: no reply from {query.owner} within {timeout_s:g} s")
+    raise NoReplyError(f"{query.name}: no reply from {query.owner} within {timeout_s:g} s")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 from typing import Any, Generic, Self, TypeVar
 
-from mazebot.common.client.robot import Robot
+from mazebot.common.client.robot import Robot, RobotError
 from mazebot.common.client.service_watch import ServiceGoneError, ServiceWatch
 from mazebot.common.client.subscription import Subscription
 from mazebot.common.messages import action_documents as act
@@ -40,6 +40,7 @@ class ActionClient(Generic[R]):
         self._results: Topic[R] = results
         self._messages = Subscription(robot, results, *also)
         self._end_feedback = robot.watch((ACTION_FEEDBACK, NAVIGATION_STATUS))
+        self._is_closed = False
         self._navigation: ServiceWatch | None = None
         self._last_feedback: act.ActionFeedback | None = None
         self.goal: CancelGoal | None = None
@@ -55,8 +56,13 @@ class ActionClient(Generic[R]):
 
     def close(self) -> None:
         """End the subscriptions; a goal stays active."""
+        self._is_closed = True
         self._messages.close()
         self._end_feedback()
+
+    def _check_open(self) -> None:
+        if self._is_closed:
+            raise RobotError("the action client is closed")
 
     @property
     def is_active(self) -> bool:
@@ -83,8 +89,10 @@ class ActionClient(Generic[R]):
     def send(self, goal_id: str, goal: act.ActionGoal, timeout_s: float) -> act.SendGoalReply:
         """Send a goal, and follow it if it is accepted.
 
-        Raises RobotError where there is no reply within `timeout_s` of wall time.
+        Raises RobotError where there is no reply within `timeout_s` of wall time, or this client is
+        closed.
         """
+        self._check_open()
         self.forget()
         self.update()
         self._navigation = ServiceWatch(self._robot, "navigation")
@@ -95,6 +103,7 @@ class ActionClient(Generic[R]):
 
     def follow(self, goal: CancelGoal) -> None:
         """Follow a goal that is published next, named by its stamp, in place of the one before."""
+        self._check_open()
         self.goal, self.result = goal, None
         self._navigation = ServiceWatch(self._robot, "navigation")
 
@@ -106,8 +115,10 @@ class ActionClient(Generic[R]):
         """Take what was received; where nothing was, wait for it, see Robot.wait. Returns the
         messages of the further topics.
 
-        Raises ServiceGoneError where navigation has ended or was restarted while a goal is active.
+        Raises ServiceGoneError where navigation has ended or was restarted while a goal is active,
+        UnreachableError where the router is lost; RobotError where this client is closed.
         """
+        self._check_open()
         if timeout_s > 0.0 and not self._messages.is_waiting():
             self._robot.wait(timeout_s, self._messages.is_waiting)
         others = []

@@ -14,18 +14,22 @@ from mazebot.common.bus.attachment import pack_attachment
 from mazebot.common.bus.config import BusConfig
 from mazebot.common.bus.liveliness import GraphNode, alive, graph_name
 from mazebot.common.bus.publisher import publish
-from mazebot.common.bus.query import QueryError, ask
+from mazebot.common.bus.query import NoReplyError, QueryError, ask
 from mazebot.common.bus.session import BusUnavailableError, join
 from mazebot.common.bus.subscriber import subscribe
 from mazebot.common.client.robot import (
+    CLOSED,
     HOW_TO_START,
     NO_STACK,
     Receive,
     Robot,
     RobotError,
+    UnreachableError,
+    check_request,
     encoded,
     ignore,
 )
+from mazebot.common.files.key_file import Key
 from mazebot.common.messages import wire
 from mazebot.common.messages.messages import ns_from_time
 from mazebot.common.messages.topics import CLOCK, EDGE, SERVICES, Query, Topic
@@ -74,6 +78,8 @@ class ZenohRobot(Robot):
         """The keys of the stack."""
         self._graph = GraphNode(self._session, graph_name(EDGE), self.keys)
         self._source, self._sequence = uuid.uuid4().hex, 0
+        self._is_closed = False
+        self._joining = threading.Lock()
         self._lock = threading.Lock()
         self._publishers: dict[str, Any] = {}
         self._latest: dict[str, bytes] = {}
@@ -82,6 +88,25 @@ class ZenohRobot(Robot):
 
     def ask(self, query: Query[Q, A], message: Q, timeout_s: float) -> A:
         """See Robot."""
+        self._check_open()
+        check_request(query, message)
+        session = self._session
+        try:
+            return self._ask(query, message, timeout_s)
+        except NoReplyError as error:
+            if self._is_connected():
+                raise RobotError(str(error)) from error
+            # It tells why, or signs in with another key.
+            self.alive()
+            if self._session is session:
+                raise RobotError(str(error)) from error
+        try:
+            return self._ask(query, message, timeout_s)
+        except NoReplyError as error:
+            raise RobotError(str(error)) from error
+
+    def _ask(self, query: Query[Q, A], message: Q, timeout_s: float) -> A:
+        """Raises NoReplyError, or RobotError for another reason."""
 
         def check() -> None:
             denial = self._denial("QUERY", query.name, self.keys.of_query(query))
@@ -90,14 +115,20 @@ class ZenohRobot(Robot):
 
         try:
             return ask(self._session, query, message, timeout_s, self.keys, self._start_s, check)
+        except NoReplyError:
+            raise
         except (QueryError, wire.WireError) as error:
             raise RobotError(str(error)) from error
         except zenoh.ZError as error:
-            raise RobotError(NO_STACK) from error
+            raise RobotError(CLOSED if self._is_closed else NO_STACK) from error
 
     def publish(self, topic: Topic[M], message: M) -> None:
         """See Robot."""
+        self._check_open()
         data, now_ns = encoded(topic, message), self.now_ns()
+        if not self._is_connected():
+            # What is put now would go nowhere.
+            self.alive()
         try:
             with self._lock:
                 envelope = Envelope(self._source, self._sequence, now_ns, "")
@@ -106,7 +137,7 @@ class ZenohRobot(Robot):
                     self._publishers[topic.name] = self._publisher(topic)
                 self._publishers[topic.name].put(data, attachment=pack_attachment(topic, envelope))
         except zenoh.ZError as error:
-            raise RobotError(NO_STACK) from error
+            raise RobotError(CLOSED if self._is_closed else NO_STACK) from error
 
     def _publisher(self, topic: Topic[Any]) -> Any:
         """Raises RobotError where the router lets this process not publish the topic."""
@@ -131,6 +162,7 @@ class ZenohRobot(Robot):
 
     def watch(self, topics: Iterable[Topic[Any]], receive: Receive = ignore) -> Callable[[], None]:
         """See Robot."""
+        self._check_open()
         watch = _Watch(tuple(topics), receive)
         self._watches.append(watch)
         self._declare(watch)
@@ -162,25 +194,29 @@ class ZenohRobot(Robot):
 
     def alive(self) -> Mapping[str, frozenset[str]]:
         """See Robot."""
-        found = alive(self._session, self.keys)
-        if not found and self._signs_in_again():
-            found = alive(self._session, self.keys)
-        # The router has a token, too.
+        self._check_open()
+        # The router has a token, too: where there is none, this session has lost it.
+        found = alive(self._session, self.keys) or self._alive_anew()
         return {name: found[name] for name in SERVICES if name in found}
 
-    def _signs_in_again(self) -> bool:
-        """Whether the key was replaced, and the session with it: Zenoh would go on to sign in with
-        the one from before.
+    def _alive_anew(self) -> Mapping[str, frozenset[str]]:
+        """What a new session finds. Where the key was replaced, it takes this one's place: Zenoh
+        would go on to sign in with the one from before. Raises UnreachableError.
         """
-        if self._key is None:
-            return False
-        try:
-            session, key = join(self._config)
-        except BusUnavailableError:
-            return False
-        if key == self._key:
-            session.close()  # type: ignore[no-untyped-call]
-            return False
+        with self._joining:
+            try:
+                session, key = join(self._config)
+            except BusUnavailableError as error:
+                raise UnreachableError(str(error)) from error
+            if key != self._key:
+                self._replace_session(session, key)
+                return alive(session, self.keys)
+            try:
+                return alive(session, self.keys)
+            finally:
+                session.close()  # type: ignore[no-untyped-call]
+
+    def _replace_session(self, session: zenoh.Session, key: Key | None) -> None:
         with self._lock:
             before, self._session, self._key = self._session, session, key
             self._graph = GraphNode(session, graph_name(EDGE), self.keys)
@@ -190,7 +226,19 @@ class ZenohRobot(Robot):
             self._declare(watch)
         # It may hang, as the router does not let this session in any more.
         threading.Thread(target=before.close, name="closing", daemon=True).start()
-        return True
+
+    def _is_connected(self) -> bool:
+        """Whether the session has its router; a lost one is sought by Zenoh."""
+        return bool(list(cast("Any", self._session.info).routers_zid()))
+
+    def _check_open(self) -> None:
+        if self._is_closed:
+            raise RobotError(CLOSED)
+
+    def wait(self, seconds: float, until: Callable[[], bool] = lambda: False) -> None:
+        """See Robot."""
+        self._check_open()
+        super().wait(seconds, until)
 
     def now_ns(self) -> int:
         """See Robot."""
@@ -199,6 +247,7 @@ class ZenohRobot(Robot):
 
     def close(self) -> None:
         """See Robot."""
+        self._is_closed = True
         while self._watches:
             self._watches.pop().end()
         self._session.close()  # type: ignore[no-untyped-call]

@@ -8,7 +8,15 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-from mazebot.common.client.robot import NO_STACK, Receive, Robot, RobotError, ignore
+from mazebot.common.client.robot import (
+    CLOSED,
+    NO_STACK,
+    Receive,
+    Robot,
+    RobotError,
+    UnreachableError,
+    ignore,
+)
 from mazebot.common.messages.topics import Query, Topic
 
 M = TypeVar("M")
@@ -89,6 +97,8 @@ class ReconnectingRobot(Robot):
         self._keeper.join()
 
     def _connected(self) -> Robot:
+        if self._closed:
+            raise RobotError(CLOSED)
         robot = self._robot
         if robot is None or not self._alive:
             raise RobotError(NO_STACK)
@@ -115,9 +125,12 @@ class ReconnectingRobot(Robot):
                 robot, is_new = self._connect(), True
             except RobotError:
                 return
-        alive = robot.alive()
+        try:
+            alive, is_lost = robot.alive(), False
+        except UnreachableError:
+            alive, is_lost = {}, True
         with self._lock:
-            has_ended = bool(self._alive) and not alive
+            has_ended = is_lost or (bool(self._alive) and not alive)
             # First: who hears something of a stack may ask it for something.
             self._robot, self._alive = robot, alive
             for watch in self._watches if is_new else ():

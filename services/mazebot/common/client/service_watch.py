@@ -15,6 +15,23 @@ class ServiceGoneError(RobotError):
     """A service has ended or was restarted: what it was asked for is lost."""
 
 
+class Silence:
+    """Counts the wall time since the last message."""
+
+    def __init__(self) -> None:
+        self._since_s = time.monotonic()
+
+    def is_long(self, has_received: bool) -> bool:
+        """Whether nothing was received for `PATIENCE_S`, which then begins again. Call it
+        regularly; `has_received`: whether something was since the last call.
+        """
+        now_s = time.monotonic()
+        if not has_received and now_s - self._since_s <= PATIENCE_S:
+            return False
+        self._since_s = now_s
+        return not has_received
+
+
 class ServiceWatch:
     """Notices that a service has ended or was restarted."""
 
@@ -22,19 +39,16 @@ class ServiceWatch:
         self._robot = robot
         self._service = service
         self._processes = robot.alive().get(service, frozenset())
-        self._received_s = time.monotonic()
+        self._silence = Silence()
 
     def check(self, has_received: bool) -> None:
         """Call it regularly. `has_received`: whether the service has sent a message since the last
         call.
 
-        Raises ServiceGoneError where the service has ended, or was restarted.
+        Raises ServiceGoneError where the service has ended, or was restarted; UnreachableError
+        where the router is lost.
         """
-        now_s = time.monotonic()
-        if not has_received and now_s - self._received_s <= PATIENCE_S:
-            return
-        self._received_s = now_s
-        if has_received:
+        if not self._silence.is_long(has_received):
             return
         now = self._robot.alive().get(self._service, frozenset())
         self._processes = self._processes or now

@@ -26,8 +26,8 @@ class Subscription:
     def __init__(self, robot: Robot, *topics: Topic[Any]) -> None:
         self._robot = robot
         self._waiting: deque[tuple[Topic[Any], Any]] = deque(maxlen=_MAX_WAITING)
-        self.close = robot.watch(topics, self._receive)
-        """Ends the subscription."""
+        self._is_closed = False
+        self._end = robot.watch(topics, self._receive)
 
     def _receive(self, topic: Topic[Any], message: Any, _: Envelope) -> None:
         self._waiting.append((topic, message))
@@ -38,6 +38,11 @@ class Subscription:
     def __exit__(self, *_: object) -> None:
         self.close()
 
+    def close(self) -> None:
+        """End the subscription."""
+        self._is_closed = True
+        self._end()
+
     def is_waiting(self) -> bool:
         """Whether a message waits to be taken."""
         return bool(self._waiting)
@@ -45,8 +50,11 @@ class Subscription:
     def next(self, timeout_s: float) -> tuple[Topic[Any], Any] | None:
         """The next message with its topic; None if there is none in time, see Robot.wait.
 
-        Raises WireError for a message that cannot be decoded.
+        Raises WireError for a message that cannot be decoded, RobotError where the subscription is
+        closed and none is left.
         """
+        if self._is_closed and not self._waiting:
+            raise RobotError("the subscription is closed")
         if timeout_s > 0.0 and not self._waiting:
             self._robot.wait(timeout_s, self.is_waiting)
         if not self._waiting:
