@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from mazebot.commander.navigator import Navigator, TaskResult
+from mazebot.common.client.robot import RobotError
 from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import wrap_angle
 from mazebot.common.messages import messages as msg
@@ -37,6 +38,54 @@ def navigator(session: Session) -> Iterator[Navigator]:
 def test_a_wait_of_no_length_is_refused(navigator: Navigator) -> None:
     with pytest.raises(ConfigError, match=r"timeout_s: must be a finite number \(got nan\)"):
         navigator.waitUntilNav2Active(timeout_s=math.nan)
+
+
+def test_after_its_end_it_says_so_and_what_came_last_is_known(session: Session) -> None:
+    with Navigator.in_process(session) as navigator:
+        navigator.waitUntilNav2Active()
+        assert navigator.wait(0.1)
+        assert finished(navigator) is TaskResult.SUCCEEDED
+    navigator.destroyNode()
+    calls: list[Callable[[], object]] = [
+        lambda: navigator.goToPose((0.5, -0.6)),
+        navigator.isTaskComplete,
+        navigator.cancelTask,
+        navigator.pauseTask,
+        navigator.waitUntilNav2Active,
+        navigator.clearAllCostmaps,
+        navigator.__enter__,
+        lambda: navigator.setInitialPose((0.0, 0.0)),
+        lambda: navigator.getPath(None, (0.5, -0.6)),
+        lambda: navigator.changeMap("nowhere.yaml"),
+    ]
+    for call in calls:
+        with pytest.raises(RobotError, match=r"^the navigator is closed$"):
+            call()
+    assert navigator.getPose() is not None
+    assert navigator.getResult() is TaskResult.SUCCEEDED
+
+
+@pytest.mark.parametrize(("call", "line"), [
+    (lambda on: on.spin(spin_dist="1"), "spin_dist: must be a number (got '1')"),
+    (lambda on: on.wait(-1.0), "duration: must be greater than or equal to 0 (got -1.0)"),
+    (lambda on: on.dockRobotByID(3), "dock_id: must be a string (got 3)"),
+    (lambda on: on.pauseTask("False"), "pause: must be True or False (got 'False')"),
+    (lambda on: on.clearCostmapAroundRobot(-1),
+     "reset_distance: must be greater than or equal to 0 (got -1)"),
+    (lambda on: on.setInitialPose((0.0, 0.0), std_m=-1),
+     "std_m: must be greater than or equal to 0 (got -1)"),
+    (lambda on: on.followWaypoints((0.5, -0.9, 0.0)),
+     "poses: must be a PoseStamped, or x and y (m), and yaw (rad): finite numbers (got 0.5)"),
+    (lambda on: on.getPath(None, (0.5, -0.6), use_start=True),
+     "start: must be a PoseStamped, or x and y (m), and yaw (rad): finite numbers (got None)"),
+    (lambda on: on.in_process(None), "session: must be a Session (got None)"),
+])  # fmt: skip
+def test_an_argument_that_is_none_is_named_with_its_value(
+    navigator: Navigator, call: Callable[[Navigator], object], line: str
+) -> None:
+    with pytest.raises(ConfigError) as refused:
+        call(navigator)
+    assert str(refused.value) == line
 
 
 def finished(navigator: Navigator) -> TaskResult:

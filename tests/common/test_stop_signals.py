@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from mazebot.common.stop_signals import stop_signals, stopped_by
+from mazebot.common.stop_signals import interrupt_held_back, stop_signals, stopped_by
 from mazebot.embedded.demo import _stop_on_signal
 
 COMMAND = """
@@ -64,3 +64,23 @@ def test_what_is_no_terminal_is_written_on(tmp_path: Path) -> None:
         process.send_signal(signal.SIGHUP)
         assert process.stdout.read() == "closing\n"
     assert process.returncode == 0
+
+
+def test_what_is_to_be_whole_is_interrupted_at_its_end_and_the_second_time_at_once() -> None:
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    done: list[int] = []
+
+    def press(times: int) -> None:
+        with interrupt_held_back():
+            for number in range(times):
+                signal.raise_signal(signal.SIGINT)
+                done.append(number)
+
+    try:
+        for times in (1, 2):
+            with pytest.raises(KeyboardInterrupt):
+                press(times)
+        assert done == [0, 0]
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGINT, before)

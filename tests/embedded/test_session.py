@@ -216,21 +216,30 @@ def test_what_cannot_be_done_is_refused_in_one_line(session: Session) -> None:
     session.run_for(0.25)
     before = session.stats
     calls: list[tuple[Callable[[], object], str]] = [
-        (lambda: session.run_until(-1.0), "run_until_s"),
-        (lambda: session.run_until(math.inf), "run_until_s"),
-        (lambda: session.run_until(1e300), "run_until_s"),
-        (lambda: session.run_until(0.1), "must not be before now, 0.25 s"),
-        (lambda: session.step(0), "step"),
-        (lambda: session.step(10**12), "step"),
+        (lambda: session.run_until(-1.0), "time_s: must be greater than or equal to 0 (got -1.0)"),
+        (lambda: session.run_until(math.inf), "time_s: must be a finite number (got inf)"),
+        (lambda: session.run_until(1e300), "time_s: must be less than or equal to"),
+        (lambda: session.run_until(0.1), "time_s: must not be before now, 0.25 s (got 0.1)"),
+        (lambda: session.run_for(-5), "duration_s: must be greater than or equal to 0 (got -5)"),
+        (lambda: session.step(0), "steps"),
+        (lambda: session.step(10**12), "steps"),
         (lambda: session.reset(seed=-1), "seed"),
         (lambda: session.reset(seed=3, scope="time"), "seed: 3: requires reset: all"),
-        (lambda: session.reset(scope="space"), "reset"),  # type: ignore[arg-type]
-        (lambda: session.command(math.nan, 0.0), "/cmd_vel: not finite"),
-        (lambda: session.goal(0.6, 0.0, timeout_s=0.0), "timeout_s: must be a positive number"),
+        (lambda: session.reset(scope="space"), "scope: must be one"),  # type: ignore[arg-type]
+        (lambda: session.command(math.nan, 0.0), "linear_m_s: must be a finite number (got nan)"),
+        (lambda: session.command(0.2, 0.0, for_s=-1.0), "for_s: must be greater than 0 (got -1.0)"),
+        (lambda: session.command(0.2, 0.0, for_s=0.0), "for_s: must be greater than 0 (got 0.0)"),
+        (lambda: session.command(0.2, 0.0, for_s=math.nan), "for_s: must be a finite number"),
+        (lambda: session.command(0.2, 0.0, for_s=math.inf), "for_s: must be a finite number"),
+        (lambda: session.goal(0.6, 0.0, timeout_s=0.0), "timeout_s: must be greater than 0"),
         (lambda: session.goal(0.6, 0.0, timeout_s=-5.0), "(got -5.0)"),
         (lambda: session.goal(0.6, 0.0, timeout_s=math.nan), "timeout_s"),
         (lambda: session.goal(0.6, 0.0, timeout_s=math.inf), "timeout_s"),
         (lambda: session.remove("nothing"), "nothing"),
+        (lambda: session.remove(None), "name: must be a string (got None)"),  # type: ignore[arg-type]
+        (lambda: session.spawn({}), "entity: "),  # type: ignore[arg-type]
+        (lambda: session.latest("/scan"), "topic: must be a Topic"),  # type: ignore[arg-type]
+        (lambda: session.ask(LOAD_WORLD, {}), "/world/load: must be a LoadWorld (got {})"),  # type: ignore[misc]
     ]
     for call, words in calls:
         with pytest.raises(RefusedError) as refused:
@@ -245,6 +254,20 @@ def test_a_world_or_an_option_that_is_none_is_one_line(worlds_dir: Path) -> None
         Session("atlantis", worlds_dir=worlds_dir, camera=False)
     with pytest.raises(ConfigError, match="scan_nois_m"):
         Session("room", worlds_dir=worlds_dir, camera=False, scan_nois_m=0.0)
+    wrong: list[tuple[dict[str, Any], str]] = [
+        ({"world": None}, "world: must be a string (got None)"),
+        ({"seed": None}, "seed: must be an integer (got None)"),
+        ({"slam": "False"}, "slam: must be True or False (got 'False')"),
+        ({"camera": "False"}, "camera: must be True or False (got 'False')"),
+        (
+            {"overrides": {"maze.seed": 3}},
+            "overrides: must be a valid tuple (got {'maze.seed': 3})",
+        ),
+    ]
+    for argument, line in wrong:
+        with pytest.raises(ConfigError) as refused:
+            Session(**{"world": "room", "worlds_dir": worlds_dir, **argument})
+        assert str(refused.value) == line
 
 
 def test_fields_of_physics_are_given_by_name(worlds_dir: Path) -> None:

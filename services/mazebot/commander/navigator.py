@@ -15,25 +15,32 @@ from __future__ import annotations
 import functools
 import itertools
 import logging
-import math
 import os
 import uuid
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from enum import Enum
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, TypeVar, cast
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from mazebot.common.client.actions import ActionClient, cancel_goal
-from mazebot.common.client.robot import Robot
+from mazebot.common.client.arguments import built, checks_arguments, refusal, taken
+from mazebot.common.client.robot import Robot, RobotError
 from mazebot.common.client.user_messages import initial_pose as pose_message
 from mazebot.common.config import ConfigError, one_line
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages import action_documents as act
 from mazebot.common.messages import messages as msg
-from mazebot.common.messages.documents import CancelGoal, Location, Planar
+from mazebot.common.messages.action_documents import NonNegative
+from mazebot.common.messages.documents import (
+    CancelGoal,
+    Location,
+    Planar,
+    PositiveTime,
+    SimulationTime,
+)
 from mazebot.common.messages.topics import (
     ACTION_RESULT,
     AMCL_POSE,
@@ -51,11 +58,15 @@ from mazebot.common.messages.topics import (
     SMOOTH_PATH,
     TOGGLE_COLLISION_MONITOR,
     WORLD,
+    Query,
     Topic,
 )
 from mazebot.common.problems import WorldError
 from mazebot.common.ros.values import planar_of
 from mazebot.embedded.session import Session
+
+Q = TypeVar("Q")
+A = TypeVar("A")
 
 ENDPOINT = "tcp/127.0.0.1:7447"
 """The router of a stack on this machine."""
@@ -90,16 +101,19 @@ _RESULTS = {
 }
 
 
+@checks_arguments(ConfigError)
 class Navigator:
     """Sends the robot on tasks. Calls that wait end with an error that names the cause.
 
     Tasks return True where they were accepted; else `getTaskError` has the reason. Distances are in
-    metres, angles in radians, durations in seconds of the robot's clock.
+    metres, angles in radians, durations in seconds of the robot's clock. After `destroyNode` what
+    was received last can be read: whatever sends, asks or waits raises RobotError.
     """
 
-    def __init__(self, robot: Robot, timeout_s: float = 10.0, name: str = "") -> None:
+    def __init__(self, robot: Robot, timeout_s: PositiveTime = 10.0, name: str = "") -> None:
         """For a robot, with the longest wait for a reply and a name for its goals."""
-        self._robot = robot
+        self._any_robot = robot
+        self._is_closed = False
         self._timeout_s = timeout_s
         self._name = name or uuid.uuid4().hex[:12]
         self._numbers = itertools.count(1)
@@ -111,7 +125,7 @@ class Navigator:
         self._action = self._closing.enter_context(ActionClient(robot, ACTION_RESULT))
 
     @classmethod
-    def connect(cls, endpoint: str | None = None, timeout_s: float = 10.0) -> Self:
+    def connect(cls, endpoint: str | None = None, timeout_s: PositiveTime = 10.0) -> Self:
         """To a running stack, by its router's endpoint: without one given, that of the variable
         MAZEBOT_BUS_CONNECT, or tcp/127.0.0.1:7447.
 
@@ -120,8 +134,9 @@ class Navigator:
         from mazebot.common.client.over_zenoh import ZenohRobot  # noqa: PLC0415
 
         router = endpoint or os.environ.get("MAZEBOT_BUS_CONNECT") or ENDPOINT
-        navigator = cls(ZenohRobot(router), timeout_s)
-        navigator._closing.callback(navigator._robot.close)
+        robot = ZenohRobot(router)
+        navigator = cls(robot, timeout_s)
+        navigator._closing.callback(robot.close)
         return navigator
 
     @classmethod
@@ -131,32 +146,32 @@ class Navigator:
         return cls(session, name=f"navigator_{next(session.navigators)}")
 
     def __enter__(self) -> Self:
+        self._check_open()
         return self
 
     def __exit__(self, *_: object) -> None:
         self.destroyNode()
 
     def setInitialPose(
-        self, initial_pose: PoseLike, std_m: float = 0.05, std_rad: float = 0.05
+        self, initial_pose: PoseLike, std_m: NonNegative = 0.05, std_rad: NonNegative = 0.05
     ) -> None:
         """Set the initial pose for localization, with its standard deviations."""
-        pose = _planar(initial_pose)
+        pose, robot = _planar(initial_pose, "initial_pose"), self._robot
+        robot.publish(INITIAL_POSE, pose_message(robot, pose.se2(), std_m, std_rad))
         self._initial_pose = pose
-        message = pose_message(self._robot, pose.se2(), std_m, std_rad)
-        self._robot.publish(INITIAL_POSE, message)
 
     def reinitializeGlobalLocalization(self) -> None:
         """Start global localization."""
-        self._ask(REINITIALIZE_GLOBAL_LOCALIZATION, act.Empty())
+        self._ask(REINITIALIZE_GLOBAL_LOCALIZATION)
 
     def goToPose(self, pose: PoseLike, behavior_tree: str = "") -> bool:
         """Drive to a pose."""
-        return self._send(act.NavigateToPose(pose=_planar(pose), behavior_tree=behavior_tree))
+        return self._send(act.NavigateToPose, pose=_planar(pose), behavior_tree=behavior_tree)
 
     def goThroughPoses(self, poses: Sequence[PoseLike], behavior_tree: str = "") -> bool:
         """Drive through poses without stopping, to the last one."""
-        through = tuple(_planar(pose) for pose in poses)
-        return self._send(act.NavigateThroughPoses(poses=through, behavior_tree=behavior_tree))
+        through = _planars("poses", poses)
+        return self._send(act.NavigateThroughPoses, poses=through, behavior_tree=behavior_tree)
 
     def followWaypoints(
         self,
@@ -168,8 +183,8 @@ class Navigator:
         """Drive to each pose, stop there and do its task; without tasks, stand for 0.2 s."""
         return self._send(
             act.FollowWaypoints,
-            poses=tuple(_planar(pose) for pose in poses),
-            tasks=tuple(tasks),
+            poses=_planars("poses", poses),
+            tasks=tasks,
             number_of_loops=number_of_loops,
             goal_index=goal_index,
         )
@@ -184,19 +199,18 @@ class Navigator:
     ) -> bool:
         """Drive along a path."""
         return self._send(
-            act.FollowPath(
-                path=tuple(_planar(pose) for pose in path),
-                controller_id=controller_id,
-                goal_checker_id=goal_checker_id,
-                progress_checker_id=progress_checker_id,
-                path_handler_id=path_handler_id,
-            )
+            act.FollowPath,
+            path=_planars("path", path),
+            controller_id=controller_id,
+            goal_checker_id=goal_checker_id,
+            progress_checker_id=progress_checker_id,
+            path_handler_id=path_handler_id,
         )
 
     def spin(
         self,
         spin_dist: float = 1.57,
-        time_allowance: float = 10.0,
+        time_allowance: NonNegative = 10.0,
         disable_collision_checks: bool = False,
     ) -> bool:
         """Turn on the spot."""
@@ -211,7 +225,7 @@ class Navigator:
         self,
         backup_dist: float = 0.15,
         backup_speed: float = 0.025,
-        time_allowance: float = 10.0,
+        time_allowance: NonNegative = 10.0,
         disable_collision_checks: bool = False,
     ) -> bool:
         """Drive straight back."""
@@ -227,7 +241,7 @@ class Navigator:
         self,
         dist: float = 0.15,
         speed: float = 0.025,
-        time_allowance: float = 10.0,
+        time_allowance: NonNegative = 10.0,
         disable_collision_checks: bool = False,
     ) -> bool:
         """Drive straight on."""
@@ -239,11 +253,11 @@ class Navigator:
             disable_collision_checks=disable_collision_checks,
         )
 
-    def wait(self, duration: float) -> bool:
+    def wait(self, duration: NonNegative) -> bool:
         """Stand still."""
         return self._send(act.Wait, duration_s=duration)
 
-    def assistedTeleop(self, time_allowance: float = 30.0) -> bool:
+    def assistedTeleop(self, time_allowance: NonNegative = 30.0) -> bool:
         """Follow `/cmd_vel_teleop`, slowed before obstacles."""
         return self._send(act.AssistedTeleop, time_allowance_s=time_allowance)
 
@@ -251,42 +265,43 @@ class Navigator:
         self, dock_pose: PoseLike, dock_type: str = "", nav_to_dock: bool = True
     ) -> bool:
         """Dock at the marker of the dock whose docked robot has this pose."""
-        return self._send(
-            act.DockRobot(dock_pose=_planar(dock_pose), navigate_to_staging_pose=nav_to_dock)
-        )
+        where = _planar(dock_pose)
+        return self._send(act.DockRobot, dock_pose=where, navigate_to_staging_pose=nav_to_dock)
 
     def dockRobotByID(self, dock_id: str, nav_to_dock: bool = True) -> bool:
         """Dock at a dock by its name, or at a marker by its id."""
-        return self._send(act.DockRobot(dock_id=dock_id, navigate_to_staging_pose=nav_to_dock))
+        return self._send(act.DockRobot, dock_id=dock_id, navigate_to_staging_pose=nav_to_dock)
 
     def undockRobot(self, dock_type: str = "") -> bool:
         """Leave the dock."""
-        return self._send(act.UndockRobot())
+        return self._send(act.UndockRobot)
 
     def cancelTask(self) -> None:
         """Cancel the task: the robot stops. Without a task it does nothing."""
+        robot = self._robot
         if self._action.is_active:
-            cancel_goal(self._robot, self._action.goal or CancelGoal(), self._timeout_s)
+            cancel_goal(robot, self._action.goal or CancelGoal(), self._timeout_s)
 
     def inputAtWaypoint(self) -> None:
         """Send the input for which the robot waits at a waypoint.
 
         Raises ConfigError where it follows none.
         """
-        reply = self._ask(INPUT_AT_WAYPOINT, act.Empty())
+        reply = self._ask(INPUT_AT_WAYPOINT)
         if reply.error:
             raise ConfigError(reply.error)
 
     def getPhoto(self) -> msg.CompressedImage | None:
         """The newest picture taken at a waypoint, as PNG; None before the first."""
-        return self._robot.latest(PHOTO)
+        return self._any_robot.latest(PHOTO)
 
     def pauseTask(self, pause: bool = True) -> None:
         """Pause the task, with the robot stopped, or resume it."""
-        self._ask(PAUSE_GOAL, act.PauseGoal(pause=pause))
+        self._ask(PAUSE_GOAL, pause=pause)
 
     def isTaskComplete(self) -> bool:
         """Whether the task has ended, or there is none; lets up to 0.1 s pass if it has not."""
+        self._check_open()
         self._action.update()
         if self._action.is_active:
             self._action.update(_TICK_S)
@@ -326,14 +341,15 @@ class Navigator:
         self._error = None
 
     def waitUntilNav2Active(
-        self, navigator: str = "bt_navigator", localizer: str = "amcl", timeout_s: float = 60.0
+        self,
+        navigator: str = "bt_navigator",
+        localizer: str = "amcl",
+        timeout_s: SimulationTime = 60.0,
     ) -> None:
         """Wait until the robot has a pose and takes goals.
 
-        Raises TimeoutError, with what it waits for. ConfigError where `timeout_s` is not finite.
+        Raises TimeoutError, with what it waits for; RobotError where the stack's router is lost.
         """
-        if not math.isfinite(timeout_s):
-            raise ConfigError(f"timeout_s: must be a finite number (got {timeout_s})")
         end_ns = self._robot.now_ns() + round(timeout_s * 1e9)
         if self._initial_pose is not None:
             self.setInitialPose(self._initial_pose)
@@ -342,6 +358,8 @@ class Navigator:
             if status is not None and status.navigation_active:
                 return
             if self._robot.now_ns() >= end_ns:
+                # It tells where nothing could come.
+                self._robot.alive()
                 what = "the navigation service" if status is None else "localization"
                 raise TimeoutError(
                     f"waitUntilNav2Active: timed out after {timeout_s:g} s waiting for {what}"
@@ -351,7 +369,10 @@ class Navigator:
     def getPath(
         self, start: PoseLike | None, goal: PoseLike, planner_id: str = "", use_start: bool = False
     ) -> list[Planar] | None:
-        """A path; from `start` with `use_start`, else from the robot. None: see `getTaskError`."""
+        """A path; from `start` with `use_start`, else from the robot. None: see `getTaskError`.
+
+        Raises ConfigError where `use_start` has no `start`.
+        """
         return self.getPathThroughPoses(start, [goal], planner_id, use_start)
 
     def getPathThroughPoses(
@@ -364,11 +385,9 @@ class Navigator:
         """A path through all goals to the last one, as `getPath`."""
         reply = self._ask(
             COMPUTE_PATH,
-            act.ComputePath(
-                goals=tuple(_planar(goal) for goal in goals),
-                start=_planar(start) if use_start and start is not None else None,
-                planner_id=planner_id,
-            ),
+            goals=_planars("goals", goals),
+            start=_planar(start, "start") if use_start else None,
+            planner_id=planner_id,
         )
         self._error = (reply.error_code, reply.error_msg)
         return None if reply.error_code else list(reply.path)
@@ -386,11 +405,9 @@ class Navigator:
         """
         reply = self._ask(
             SMOOTH_PATH,
-            act.SmoothPath(
-                path=tuple(_planar(pose) for pose in path),
-                smoother_id=smoother_id,
-                check_for_collisions=check_for_collision,
-            ),
+            path=_planars("path", path),
+            smoother_id=smoother_id,
+            check_for_collisions=check_for_collision,
         )
         self._error = (reply.error_code, reply.error_msg)
         return None if reply.error_code else list(reply.path)
@@ -404,6 +421,7 @@ class Navigator:
         from mazebot.common.ros.map_exchange import document_of_map  # noqa: PLC0415
         from mazebot.common.world.map_files import read_map  # noqa: PLC0415 - loads images
 
+        self._check_open()
         path = Path(map_filepath)
         if not path.is_file():
             self._error = (_NO_MAP, f"{path}: no such file")
@@ -416,7 +434,7 @@ class Navigator:
             return False
         if chart.warning:
             _LOG.warning("%s", chart.warning)
-        reply = self._ask(LOAD_MAP, document_of_map(chart))
+        reply = self._robot.ask(LOAD_MAP, document_of_map(chart), self._timeout_s)
         self._error = (reply.result, reply.error)
         if reply.result:
             return False
@@ -441,48 +459,49 @@ class Navigator:
         """As `clearAllCostmaps`, in the global costmap."""
         self._clear("global")
 
-    def clearCostmapExceptRegion(self, reset_distance: float) -> None:
+    def clearCostmapExceptRegion(self, reset_distance: NonNegative) -> None:
         """Clear obstacles outside a square of this side around the robot."""
         self._clear("all", area="except_region", reset_distance_m=reset_distance)
 
-    def clearCostmapAroundRobot(self, reset_distance: float) -> None:
+    def clearCostmapAroundRobot(self, reset_distance: NonNegative) -> None:
         """Clear obstacles in a square of this side around the robot."""
         self._clear("all", area="around_robot", reset_distance_m=reset_distance)
 
-    def clearLocalCostmapAroundPose(self, pose: PoseLike, reset_distance: float) -> None:
+    def clearLocalCostmapAroundPose(self, pose: PoseLike, reset_distance: NonNegative) -> None:
         """Clear obstacles of the local costmap in a square of this side around a pose."""
         where = _planar(pose)
         self._clear("local", area="around_pose", reset_distance_m=reset_distance, pose=where)
 
-    def clearGlobalCostmapAroundPose(self, pose: PoseLike, reset_distance: float) -> None:
+    def clearGlobalCostmapAroundPose(self, pose: PoseLike, reset_distance: NonNegative) -> None:
         """Clear obstacles of the global costmap in a square of this side around a pose."""
         where = _planar(pose)
         self._clear("global", area="around_pose", reset_distance_m=reset_distance, pose=where)
 
     def getGlobalCostmap(self) -> msg.OccupancyGrid | None:
         """The newest global costmap; None before the first."""
-        return self._robot.latest(GLOBAL_COSTMAP)
+        return self._any_robot.latest(GLOBAL_COSTMAP)
 
     def getLocalCostmap(self) -> msg.OccupancyGrid | None:
         """The newest local costmap; None before the first."""
-        return self._robot.latest(LOCAL_COSTMAP)
+        return self._any_robot.latest(LOCAL_COSTMAP)
 
     def toggleCollisionMonitor(self, enable: bool) -> None:
         """Switch the collision monitor on or off."""
-        self._ask(TOGGLE_COLLISION_MONITOR, act.Toggle(enable=enable))
+        self._ask(TOGGLE_COLLISION_MONITOR, enable=enable)
 
     def getPose(self) -> SE2 | None:
         """The robot's estimated pose in the map; None before the first."""
-        pose = self._robot.latest(AMCL_POSE)
+        pose = self._any_robot.latest(AMCL_POSE)
         return None if pose is None else msg.se2_from_pose(pose.pose.pose)
 
     def locations(self) -> dict[str, Location]:
         """The named places of the world."""
-        world = self._robot.latest(WORLD)
+        world = self._any_robot.latest(WORLD)
         return {} if world is None else {place.name: place for place in world.locations}
 
     def destroyNode(self) -> None:
         """End the connection; a task continues."""
+        self._is_closed = True
         self._closing.close()
 
     destroy_node = destroyNode
@@ -491,43 +510,57 @@ class Navigator:
     error: Callable[[str], None] = staticmethod(functools.partial(_LOG.error, "%s"))
     debug: Callable[[str], None] = staticmethod(functools.partial(_LOG.debug, "%s"))
 
-    def _send(self, goal: act.ActionGoal | type, **fields: object) -> bool:
-        try:
-            checked: act.ActionGoal = goal(**fields) if isinstance(goal, type) else goal
-        except ValidationError as error:
-            raise ConfigError(one_line(error)) from error
+    @property
+    def _robot(self) -> Robot:
+        """The robot. Raises RobotError where the connection to it was ended."""
+        self._check_open()
+        return self._any_robot
+
+    def _check_open(self) -> None:
+        if self._is_closed:
+            raise RobotError("the navigator is closed")
+
+    def _send(self, kind: type[act.ActionGoal], **fields: object) -> bool:
+        self._check_open()
+        goal = built(kind, fields)
         self.clearPreviousState()
         goal_id = f"{self._name}-{next(self._numbers)}"
-        reply = self._action.send(goal_id, checked, self._timeout_s)
+        reply = self._action.send(goal_id, goal, self._timeout_s)
         if not reply.accepted:
             self._error = (reply.error_code, reply.error_msg)
         return reply.accepted
 
     def _clear(self, costmap: str, **fields: object) -> None:
-        reply = self._ask(CLEAR_COSTMAP, act.ClearCostmap(costmap=costmap, **fields))
+        reply = self._ask(CLEAR_COSTMAP, costmap=costmap, **fields)
         if reply.error:
             raise ConfigError(reply.error)
 
-    def _ask(self, query: Any, message: Any) -> Any:
-        return self._robot.ask(query, message, self._timeout_s)
+    def _ask(self, query: Query[Q, A], **fields: object) -> A:
+        robot = self._robot
+        message = built(cast("type[BaseModel]", query.request), fields)
+        return robot.ask(query, cast("Q", message), self._timeout_s)
 
 
-def _planar(pose: PoseLike) -> Planar:
+def _planar(pose: PoseLike | None, name: str = "pose") -> Planar:
     """Raises ConfigError for a pose of another frame, or with numbers that are no pose."""
-    if isinstance(pose, Planar):
-        return Planar(x_m=pose.x_m, y_m=pose.y_m, yaw_rad=pose.yaw_rad)
     if isinstance(pose, msg.PoseStamped):
         try:
             return planar_of(pose)
         except ValidationError as error:
-            raise ConfigError(f"pose: {one_line(error)}") from error
-        except ValueError as error:
-            raise ConfigError(f"pose: {error}") from error
-    values = [float(value) for value in pose]
-    if len(values) not in (2, 3):
-        raise ConfigError(f"pose: {tuple(values)}: must be x, y and yaw")
-    x_m, y_m, yaw_rad = [*values, 0.0][:3]
+            raise ConfigError(f"{name}: {one_line(error)}") from error
+        except (ValueError, TypeError, AttributeError) as error:
+            raise ConfigError(f"{name}: {error}") from error
+    given = (pose.x_m, pose.y_m, pose.yaw_rad) if isinstance(pose, Planar) else pose
     try:
-        return Planar(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad)
-    except ValidationError as error:
-        raise ConfigError(f"pose: {one_line(error)}") from error
+        numbers = taken(tuple[float, ...], given)
+    except ValueError:
+        numbers = ()
+    if len(numbers) not in (2, 3):
+        what = "must be a PoseStamped, or x and y (m), and yaw (rad): finite numbers"
+        raise ConfigError(refusal(name, what, pose))
+    x_m, y_m, yaw_rad = [*numbers, 0.0][:3]
+    return Planar(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad)
+
+
+def _planars(name: str, poses: Sequence[PoseLike]) -> tuple[Planar, ...]:
+    return tuple(_planar(pose, name) for pose in poses)

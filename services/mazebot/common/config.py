@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from difflib import get_close_matches
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any, Self, TypeVar, get_args
 
 from pydantic import (
@@ -213,13 +214,16 @@ def one_line(
     error: ValidationError,
     source: Callable[[str], str] = lambda _: "",
     model: type[BaseModel] | None = None,
+    names: Mapping[str, str] = MappingProxyType({}),
 ) -> str:
     """The errors, field by field, in one line; `source` returns the origin of the value of a dotted
     name. With the `model` that was to be made, the nearest name of an unknown field is suggested.
+    `names`: of the fields that are shown by another one.
     """
     parts = []
     for problem in error.errors():
-        field = ".".join(str(part) for part in problem["loc"]) or "(whole)"
+        words = [str(part) for part in problem["loc"]]
+        field = ".".join([names.get(one, one) for one in words[:1]] + words[1:]) or "(whole)"
         origin = source(field) if problem["loc"] else ""
         got = f"{problem['input']!r:.80}{f' from {origin}' if origin else ''}"
         hint = ""

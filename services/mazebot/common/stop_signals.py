@@ -6,6 +6,7 @@ import contextlib
 import os
 import signal
 import stat
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from types import FrameType
 from typing import Any
@@ -70,6 +71,32 @@ def stopped_by(handler: Handler) -> Iterator[None]:
     finally:
         for number, one in before.items():
             signal.signal(number, one)
+
+
+@contextlib.contextmanager
+def interrupt_held_back() -> Iterator[None]:
+    """What is done in this context is done as a whole: Ctrl-C interrupts it only at its end, the
+    second time at once. Only where Ctrl-C raises KeyboardInterrupt, in the main thread.
+    """
+    is_main = threading.current_thread() is threading.main_thread()
+    if not is_main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield
+        return
+    came = False
+
+    def remember(number: int, frame: FrameType | None) -> None:
+        nonlocal came
+        if came:
+            signal.default_int_handler(number, frame)
+        came = True
+
+    signal.signal(signal.SIGINT, remember)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        if came:
+            raise KeyboardInterrupt
 
 
 def _leave_ended_terminal() -> None:

@@ -6,7 +6,14 @@ import queue
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, TypeVar, cast
 
-from mazebot.common.client.robot import Receive, Robot, RobotError, encoded, ignore
+from mazebot.common.client.robot import (
+    Receive,
+    Robot,
+    RobotError,
+    check_request,
+    encoded,
+    ignore,
+)
 from mazebot.common.messages.topics import Query, Topic
 from mazebot.common.node.edge_client import EdgeClient
 from mazebot.common.node.executive import Executive
@@ -67,6 +74,7 @@ class MemoryRobot(Robot):
 
     def ask(self, query: Query[Q, A], message: Q, timeout_s: float) -> A:
         """See Robot."""
+        check_request(query, message)
         answers: queue.SimpleQueue[A | None] = queue.SimpleQueue()
 
         def ask() -> None:

@@ -5,19 +5,26 @@ from __future__ import annotations
 import itertools
 import math
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, nullcontext
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any, Literal, TypeVar, cast
 
-from pydantic import ValidationError
 from rich.console import Console
 
 from mazebot.bringup.config import BringupConfig
 from mazebot.bringup.node import BringupNode
-from mazebot.common.client.robot import Receive, Robot, RobotError, encoded, ignore
+from mazebot.common.client.arguments import built, checks_arguments, refusal
+from mazebot.common.client.robot import (
+    Receive,
+    Robot,
+    RobotError,
+    check_request,
+    encoded,
+    ignore,
+)
 from mazebot.common.client.user_messages import velocity
-from mazebot.common.config import ConfigError, one_line
+from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import MAP_FRAME, SE2
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.documents import (
@@ -30,11 +37,14 @@ from mazebot.common.messages.documents import (
     GetEntities,
     NavigationResult,
     Planar,
+    PositiveTime,
     Quaternion,
     SetEntityState,
     SimulationControl,
     SimulationStats,
+    SimulationTime,
     SpawnEntity,
+    Steps,
     Vector,
 )
 from mazebot.common.messages.topics import (
@@ -60,13 +70,15 @@ from mazebot.common.messages.topics import (
 )
 from mazebot.common.node.edge_client import EdgeClient
 from mazebot.common.node.executive import Executive, StalledError
-from mazebot.common.node.node import Outbox
+from mazebot.common.node.node import Envelope, Outbox
 from mazebot.common.settings.load import load
+from mazebot.common.stop_signals import interrupt_held_back
 from mazebot.embedded.compile_progress import CompileProgress
 from mazebot.embedded.compiling import compiled_side_by_side
 from mazebot.embedded.demo import DemoOptions, robot_nodes, with_full_name, worldgen_config
 from mazebot.embedded.watched_transport import WatchedTransport
 from mazebot.physics.config import STEPS_PER_SECOND
+from mazebot.physics.run_control import first_step_at
 from mazebot.recorder.config import RecorderConfig
 from mazebot.recorder.node import RecorderNode
 
@@ -86,6 +98,7 @@ class RefusedError(RobotError, ValueError):
     """A request was refused; its text is the reason in one line."""
 
 
+@checks_arguments(RefusedError)
 class Session(Robot):
     """A world with the robot in it, its sensors, perception and navigation, at time 0 and paused.
 
@@ -110,7 +123,7 @@ class Session(Robot):
         *,
         camera: bool = True,
         use_aruco: bool = True,
-        overrides: tuple[str, ...] = (),
+        overrides: str | Sequence[str] = (),
         worlds_dir: Path | None = None,
         out_dir: Path | None = None,
         settings: Path | None = None,
@@ -148,10 +161,12 @@ class Session(Robot):
             controller=controller,
             map_file=map_file,
         )
-        bringup = BringupConfig(
-            world_name=world, use_aruco=use_aruco, world_overrides=overrides, slam=slam,
-            explore=explore, only_ask=True,
-        )  # fmt: skip
+        asked = {
+            "world_name": world, "use_aruco": use_aruco, "world_overrides": overrides,
+            "slam": slam, "explore": explore, "only_ask": True,
+        }  # fmt: skip
+        names = {"world_name": "world", "world_overrides": "overrides"}
+        bringup = built(BringupConfig, asked, names=names)
         bringup = with_full_name(bringup, worldgen_config(options).worlds_dir)
         nodes = [*robot_nodes(options, physics, slam=slam), BringupNode(bringup)]
         if out_dir is not None:
@@ -167,12 +182,16 @@ class Session(Robot):
         """Of the thread that advances it."""
         self._turning: int | None = None
         """The thread by which a step is under way."""
+        self._raised: BaseException | None = None
+        """What a receiver of `watch` has raised in that step."""
+        self._is_loaded = False
         self._compiling = ExitStack()
         try:
             progress = CompileProgress(Console(stderr=True))
             self._compiling.enter_context(compiled_side_by_side(progress))
             self.pause()
-            self._turn_until(self._is_loaded, "the world")
+            self._turn_until(self._has_world, "the world")
+            self._is_loaded = True
         except BaseException:
             self.close()
             raise
@@ -201,16 +220,19 @@ class Session(Robot):
         """Simulation time."""
         return self._executive.now_ns * 1e-9
 
-    def step(self, steps: int = 1) -> SimulationStats:
+    def step(self, steps: Steps = 1) -> SimulationStats:
         """Advance by this number of steps of 1/240 s."""
         return self._control(step=steps)
 
-    def run_for(self, duration_s: float) -> SimulationStats:
+    def run_for(self, duration_s: SimulationTime) -> SimulationStats:
         """Advance by a duration, rounded up to whole steps."""
         return self._control(run_until_s=self.now_s + duration_s)
 
-    def run_until(self, time_s: float) -> SimulationStats:
+    def run_until(self, time_s: SimulationTime) -> SimulationStats:
         """Advance to a simulation time, or to the first step after it."""
+        if first_step_at(time_s) < first_step_at(self.now_s):
+            what = f"must not be before now, {self.now_s:.6g} s"
+            raise RefusedError(refusal("time_s", what, time_s))
         return self._control(run_until_s=time_s)
 
     def pause(self) -> None:
@@ -247,8 +269,8 @@ class Session(Robot):
         self, entity: Entity, allow_renaming: bool = False, assets: dict[str, str] | None = None
     ) -> EntityReply:
         """Spawn an entity; return its pose and name."""
-        request = SpawnEntity(entity=entity, allow_renaming=allow_renaming, assets=assets or {})
-        return self._done(self.ask(SPAWN_ENTITY, request))
+        request = {"entity": entity, "allow_renaming": allow_renaming, "assets": assets or {}}
+        return self._done(self.ask(SPAWN_ENTITY, built(SpawnEntity, request, RefusedError)))
 
     def move(
         self,
@@ -257,10 +279,8 @@ class Session(Robot):
         orientation_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0),
     ) -> EntityReply:
         """Move an entity; return its pose."""
-        state = _built(
-            SetEntityState, name=name, position_m=position_m, orientation_xyzw=orientation_xyzw
-        )
-        return self._done(self.ask(SET_ENTITY_STATE, state))
+        state = {"name": name, "position_m": position_m, "orientation_xyzw": orientation_xyzw}
+        return self._done(self.ask(SET_ENTITY_STATE, built(SetEntityState, state, RefusedError)))
 
     def move_robot(self, x_m: float, y_m: float, yaw_rad: float = 0.0) -> None:
         """Put the robot down at another pose in the map, at rest, as if it had been carried there:
@@ -268,7 +288,7 @@ class Session(Robot):
 
         Raises RefusedError where it would reach into something.
         """
-        self._control(robot_pose=_built(Planar, x_m=x_m, y_m=y_m, yaw_rad=yaw_rad))
+        self._control(robot_pose=Planar(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad))
 
     def remove(self, name: str) -> EntityReply:
         """Delete an entity."""
@@ -279,15 +299,12 @@ class Session(Robot):
         return self.ask(GET_ENTITIES, GetEntities())
 
     def goal(
-        self, x_m: float, y_m: float, yaw_rad: float = 0.0, timeout_s: float = 600.0
+        self, x_m: float, y_m: float, yaw_rad: float = 0.0, timeout_s: PositiveTime = 600.0
     ) -> NavigationResult:
         """Drive to a pose in the map, and return the result; `error_code` 0 is success.
 
         Raises TimeoutError after `timeout_s` of simulation without a result; the goal stays active.
-        RefusedError where `timeout_s` is not a positive number.
         """
-        if not 0.0 < timeout_s < math.inf:
-            raise RefusedError(f"timeout_s: must be a positive number (got {timeout_s})")
         with self._advancing():
             return self._driven(x_m, y_m, yaw_rad, timeout_s)
 
@@ -323,7 +340,9 @@ class Session(Robot):
             raise RefusedError(reply.error)
         return reply
 
-    def command(self, linear_m_s: float, angular_rad_s: float, for_s: float | None = None) -> None:
+    def command(
+        self, linear_m_s: float, angular_rad_s: float, for_s: PositiveTime | None = None
+    ) -> None:
         """Command a velocity of base_footprint once; with `for_s`, repeatedly for that duration,
         rounded up to whole steps.
 
@@ -371,14 +390,24 @@ class Session(Robot):
     def watch(self, topics: Iterable[Topic[Any]], receive: Receive = ignore) -> Callable[[], None]:
         """See Robot."""
         self._check_open()
-        return self._transport.watch(topics, receive)
+
+        def take(topic: Topic[Any], message: Any, envelope: Envelope) -> None:
+            try:
+                receive(topic, message, envelope)
+            except BaseException as error:
+                if self._turning != threading.get_ident():
+                    raise
+                # A node in mid-step is no place to end at: it would be left with half of it done.
+                self._raised = self._raised or error
+
+        return self._transport.watch(topics, take)
 
     def alive(self) -> Mapping[str, frozenset[str]]:
         """See Robot."""
         nodes = () if self._closed else self._executive.nodes
         return {node.name: frozenset((node.name,)) for node in nodes}
 
-    def wait(self, seconds: float, until: Callable[[], bool] = lambda: False) -> None:
+    def wait(self, seconds: SimulationTime, until: Callable[[], bool] = lambda: False) -> None:
         """Advance by a duration, rounded up to whole steps, whatever happens meanwhile."""
         self.run_for(seconds)
 
@@ -423,13 +452,18 @@ class Session(Robot):
 
     def _turn(self) -> bool:
         self._check_open()
-        self._turning = threading.get_ident()
+        self._turning, self._raised = threading.get_ident(), None
+        # While it loads, which may take long, there is nothing that could be left half done.
         try:
-            return self._executive.turn()
+            with interrupt_held_back() if self._is_loaded else nullcontext():
+                stepped = self._executive.turn()
         finally:
             self._turning = None
+        if self._raised is not None:
+            raise self._raised
+        return stepped
 
-    def _is_loaded(self) -> bool:
+    def _has_world(self) -> bool:
         status = self.latest(WORLD_STATUS)
         if status is not None and status.error:
             raise ConfigError(status.error)
@@ -446,21 +480,33 @@ class Session(Robot):
             return True
         self.resume()
         try:
-            while goes_on():
-                if self.now_s >= end_s:
-                    return False
+            while (is_going := goes_on()) and self.now_s < end_s:
                 if not self._turn() and goes_on():
                     raise StalledError("the simulation is stalled")
-        finally:
-            self.pause()
-        return True
+        except BaseException:
+            self._stand_still()
+            raise
+        self.pause()
+        return not is_going
 
     def _control(self, **fields: object) -> SimulationStats:
-        reply = self.ask(SIMULATION_CONTROL, _built(SimulationControl, **fields))
+        request = built(SimulationControl, fields, RefusedError)
+        try:
+            reply = self.ask(SIMULATION_CONTROL, request)
+        except BaseException:
+            if request.step is not None or request.run_until_s is not None:
+                self._stand_still()
+            raise
         if reply.error:
             raise RefusedError(reply.error)
         assert reply.stats is not None
         return reply.stats
+
+    def _stand_still(self) -> None:
+        """Pause where an error, or Ctrl-C, has ended what let time pass."""
+        # Closed, or whoever watches raises once more: the first error is the one to be told of.
+        with suppress(Exception):
+            self.pause()
 
     def _done(self, reply: EntityReply) -> EntityReply:
         if reply.error:
@@ -471,8 +517,12 @@ class Session(Robot):
         """The reply to a query. Time advances only where the query takes time; `timeout_s` has no
         effect, because a query without a reply raises StalledError.
 
-        Raises RefusedError where too many requests wait.
+        Raises RefusedError where too many requests wait, or the message is not what it takes.
         """
+        try:
+            check_request(query, message)
+        except RobotError as error:
+            raise RefusedError(str(error)) from error
         answers: list[A] = []
         with self._advancing():
             if not self._transport.ask(query, message, answers.append):
@@ -490,14 +540,3 @@ class Session(Robot):
             now_ns = self._executive.now_ns
             if turns > _MAX_TURNS:
                 raise StalledError(f"{what}: no response")
-
-
-def _built(kind: type[Q], **fields: object) -> Q:
-    """A document from the user's values.
-
-    Raises RefusedError, in one line, where they are invalid.
-    """
-    try:
-        return kind(**fields)
-    except ValidationError as error:
-        raise RefusedError(one_line(error)) from error

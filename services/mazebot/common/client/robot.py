@@ -9,6 +9,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Self, TypeVar
 
+from mazebot.common.client.arguments import refusal
 from mazebot.common.config import ConfigError
 from mazebot.common.messages import wire
 from mazebot.common.messages.topics import EDGE, Query, Topic
@@ -21,6 +22,8 @@ A = TypeVar("A")
 HOW_TO_START = "docker compose up demo-world-enhanced, mazebot demo --console, or mazebot up"
 """What to do where no stack is running: all ways, in one line."""
 NO_STACK = "no stack is running"
+CLOSED = "the connection is closed"
+"""Of a robot whose `close` was called."""
 _POLL_S = 0.01
 _MIN_WALL_S = 0.1
 
@@ -32,6 +35,12 @@ a thread of the robot.
 
 class RobotError(ConfigError):
     """No stack is running, it did not reply, or it rejected; the text is one line."""
+
+
+class UnreachableError(RobotError):
+    """The stack's router does not answer, or does not let this client in any more: nobody knows
+    what has become of the services.
+    """
 
 
 def ignore(_: Topic[Any], __: Any, ___: Envelope) -> None:
@@ -69,6 +78,8 @@ class Robot(ABC):
     def alive(self) -> Mapping[str, frozenset[str]]:
         """The running services, each with the ids of its processes; empty: no stack is running. It
         may take seconds where the router is slow.
+
+        Raises UnreachableError where the router is lost.
         """
 
     @abstractmethod
@@ -95,6 +106,13 @@ class Robot(ABC):
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def check_request(query: Query[Q, Any], message: Q) -> None:
+    """Raises RobotError where a message is not what a query takes."""
+    if not isinstance(message, query.request):
+        what = f"must be a {query.request.__name__}"
+        raise RobotError(refusal(query.name, what, message))
 
 
 def encoded(topic: Topic[M], message: M) -> bytes:

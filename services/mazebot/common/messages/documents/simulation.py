@@ -20,6 +20,13 @@ Natural = Annotated[int, Field(ge=0, lt=2**63)]
 """A seed, or what is counted: numpy takes no other for the state of a random stream."""
 
 
+Steps = Annotated[int, Field(ge=1, le=10_000_000)]
+"""Steps to advance by."""
+SimulationTime = Annotated[float, Field(ge=0.0, le=1e9, allow_inf_nan=False)]
+"""A time, or how long something lasts."""
+PositiveTime = Annotated[float, Field(gt=0.0, le=1e9, allow_inf_nan=False)]
+
+
 class Contact(Document):
     """A contact of the robot with anything but the floor has begun."""
 
@@ -52,12 +59,8 @@ class SimulationControl(Document):
     """
 
     pause: bool | None = None
-    step: Annotated[int, Field(ge=1, le=10_000_000)] | None = Field(
-        None, description="advance by this number of steps"
-    )
-    run_until_s: Annotated[float, Field(ge=0.0, le=1e9, allow_inf_nan=False)] | None = Field(
-        None, description="advance to this simulation time"
-    )
+    step: Steps | None = Field(None, description="advance by this number of steps")
+    run_until_s: SimulationTime | None = Field(None, description="advance to this simulation time")
     reset: Literal["all", "fresh", "time"] | None = Field(
         None,
         description="`all`: everything returns to its initial state, at time 0, and what was "
