@@ -68,7 +68,7 @@ POSES = {
     "mapping/node.py": 1,
     "mapping/matching/occupancy.py": 4,
     "mapping/graph/optimizer.py": 2,
-    "mapping/slam.py": 16,
+    "mapping/slam.py": 17,
     "navigation/control/mppi/mppi.py": 1,
     "navigation/control/yielding/giving_way.py": 2,
     "navigation/control/yielding/newcomers.py": 1,
