@@ -90,15 +90,11 @@ class ZenohRobot(Robot):
         """See Robot."""
         self._check_open()
         check_request(query, message)
-        session = self._session
         try:
             return self._ask(query, message, timeout_s)
         except NoReplyError as error:
-            if self._is_connected():
-                raise RobotError(str(error)) from error
-            # It tells why, or signs in with another key.
-            self.alive()
-            if self._session is session:
+            # Without the router, that tells why, or signs in with another key.
+            if self._is_connected() or query.owner not in self.alive():
                 raise RobotError(str(error)) from error
         try:
             return self._ask(query, message, timeout_s)
