@@ -170,7 +170,7 @@ class TestLogsAsTheyAre:
 
     def test_a_map_of_a_small_part_is_an_error(self, tmp_path: Path) -> None:
         # Odometry ends early.
-        rows = [f"{i},{0.1 * i},0,0,2,2,2,2.{i}" for i in range(4)]
+        rows = [f"{i},{0.1 * i},0,0,2,2,2,2" for i in range(4)]
         log = tmp_path / "log.csv"
         header = "time_s,odom_x_m,odom_y_m,odom_yaw_rad,range_0,range_1,range_2,range_3"
         log.write_text("\n".join([header, *rows]) + "\n")
@@ -179,7 +179,7 @@ class TestLogsAsTheyAre:
         # Left out on purpose: no error.
         options = ("--log", str(log), "--out", str(tmp_path / "out"))
         assert "2 within minimum_time_interval" in told(*options, "--params", str(params))
-        rows = [f"RAWLASER1 0 -1.5 3.0 1.5 8 0.01 0 3 1 2 3.{i} 0 {i} h {i}" for i in range(1, 9)]
+        rows = [f"RAWLASER1 0 -1.5 3.0 1.5 8 0.01 0 3 1 2 3 0 {i} h {i}" for i in range(1, 9)]
         odometry = [f"ODOM {0.1 * i} 0 0 0 0 0 {i} h {i}" for i in range(1, 4)]
         carmen = tmp_path / "raw.log"
         carmen.write_text("\n".join([*odometry, *rows]) + "\n")
@@ -189,13 +189,13 @@ class TestLogsAsTheyAre:
         assert "5 without odometry at their time" in str(error.value)
 
     def test_scans_of_a_lidar_that_repeats_itself_are_left_out(self, tmp_path: Path) -> None:
-        rows = [f"{i},{0.1 * i},0,0,2,2,2,2" for i in range(4)]
+        rows = [f"{i},{0.1 * i},0,0,2,2,2,2.{min(i, 1)}" for i in range(6)]
         log = tmp_path / "log.csv"
         header = "time_s,odom_x_m,odom_y_m,odom_yaw_rad,range_0,range_1,range_2,range_3"
         log.write_text("\n".join([header, *rows]) + "\n")
         with pytest.raises(ConfigError) as error:
             told("--log", str(log), "--out", str(tmp_path / "out"))
-        assert "1 of 4 scans could be used, 3 repeated while the robot moves" in str(error.value)
+        assert "2 of 6 scans could be used, 4 repeated while the robot moves" in str(error.value)
 
     def test_scans_that_do_not_fit_each_other_are_told(self, hall: Hall, tmp_path: Path) -> None:
         log = self.written(tmp_path, self.lines(hall, every=3))

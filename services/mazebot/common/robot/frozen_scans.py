@@ -27,15 +27,18 @@ class FrozenScans:
 
     def __init__(self) -> None:
         self._first: tuple[NDArray[np.float32], SE2] | None = None
+        self._has_measured = False
+        """Whether two scans differed: what never measured has not frozen."""
 
     def is_frozen(self, scan: Scan, odom_from_base: SE2) -> bool:
-        """Whether a scan repeats an earlier one that was taken elsewhere. One without any echo,
-        as of open floor, tells nothing.
+        """Whether a scan repeats an earlier one that was taken elsewhere, of a lidar that measured
+        before. One without any echo, as of open floor, tells nothing.
         """
         ranges_m = scan.ranges_m
         if self._first is None or not np.array_equal(self._first[0], ranges_m, equal_nan=True):
+            self._has_measured = self._first is not None
             self._first = ranges_m, odom_from_base
             return False
-        if odom_from_base.is_near(self._first[1], _MOVED_M, _MOVED_RAD):
+        if not self._has_measured or odom_from_base.is_near(self._first[1], _MOVED_M, _MOVED_RAD):
             return False
         return bool(((ranges_m >= scan.range_min_m) & (ranges_m < scan.range_max_m)).any())
