@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import webbrowser
 from pathlib import Path
 from typing import Annotated, Any
@@ -58,8 +59,7 @@ def console(
     config = load(ConsoleConfig, "console", [], given)
     log_to_stdout()
     wait_quietly()
-    serve(
-        config,
-        load(BusConfig, "bus", [], {"connect": connect}),
-        webbrowser.open if open_browser else None,
-    )
+    bus_config = load(BusConfig, "bus", [], {"connect": connect})
+    # That is how it ends, as a service does.
+    with contextlib.suppress(KeyboardInterrupt):
+        serve(config, bus_config, webbrowser.open if open_browser else None)
