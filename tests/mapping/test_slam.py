@@ -11,6 +11,7 @@ from mazebot.common.maths.frames import SE2, Array
 from mazebot.common.messages.documents import Planar
 from mazebot.common.messages.scan import Scan
 from mazebot.mapping.loops.carried_off import CarriedOff
+from mazebot.mapping.matching.occupancy import MapGrid
 from mazebot.mapping.params import SlamParams
 from mazebot.mapping.slam import CARRIED_OFF, NO_ODOMETRY, NO_RETURNS, NOT_LATER, Slam
 from tests.mapping.simulated import (
@@ -118,12 +119,23 @@ def test_a_corridor_with_slip_is_sure_only_across() -> None:
     assert along.sum() > 20.0 * across.sum()
 
 
+def cells_m(grid: MapGrid, value: int) -> tuple[Array, Array]:
+    """(n,) x and y in the map of the middles of the cells with a value."""
+    rows, columns = np.nonzero(grid.cells == value)
+    middles_m = (np.array([columns, rows], np.float64) + 0.5) * grid.resolution_m
+    return grid.origin.x_m + middles_m[0], grid.origin.y_m + middles_m[1]
+
+
+def assert_within_room(x: Array, y: Array) -> None:
+    assert min(x.min(), y.min()) > -0.05
+    assert x.max() < 4.05
+    assert y.max() < 3.05
+
+
 def test_the_walls_of_the_map_are_where_the_walls_are() -> None:
     slam = slam_of(log(ROOM, TOUR, slip=0.1, noise_m_per_sqrt_m=0.05))
     grid = slam.grid()
-    rows, columns = np.nonzero(grid.cells == 100)
-    x = grid.origin.x_m + (columns + 0.5) * grid.resolution_m
-    y = grid.origin.y_m + (rows + 0.5) * grid.resolution_m
+    x, y = cells_m(grid, 100)
     spread = np.linspace(0.0, 1.0, 400)[:, None]
     points = np.concatenate([w[:2] + spread * (w[2:] - w[:2]) for w in ROOM])
     far = [
@@ -134,12 +146,8 @@ def test_the_walls_of_the_map_are_where_the_walls_are() -> None:
     seen = points[(points[:, 0] > 0.1) & (points[:, 0] < 3.9)]
     missed = [np.hypot(x - px, y - py).min() > 0.1 for px, py in seen]
     assert np.mean(missed) < 0.03
-    rows, columns = np.nonzero(grid.cells == 0)
-    x = grid.origin.x_m + (columns + 0.5) * grid.resolution_m
-    y = grid.origin.y_m + (rows + 0.5) * grid.resolution_m
-    assert min(x.min(), y.min()) > -0.05
-    assert x.max() < 4.05
-    assert y.max() < 3.05
+    x, y = cells_m(grid, 0)
+    assert_within_room(x, y)
 
 
 def test_the_same_measurements_give_the_same_bytes() -> None:
@@ -264,13 +272,9 @@ def test_a_lidar_that_drops_out_draws_no_free_floor_behind_walls(blank: float, w
     assert dict(slam.left_out) == {NO_RETURNS: len(blanks)}
     assert slam.pose()[0].distance_m(steps[-1].true) < 0.02
     grid = slam.grid()
-    rows, columns = np.nonzero(grid.cells == 0)
-    assert 10.0 < len(rows) * grid.resolution_m**2 < 12.0
-    x = grid.origin.x_m + (columns + 0.5) * grid.resolution_m
-    y = grid.origin.y_m + (rows + 0.5) * grid.resolution_m
-    assert min(x.min(), y.min()) > -0.05
-    assert x.max() < 4.05
-    assert y.max() < 3.05
+    x, y = cells_m(grid, 0)
+    assert 10.0 < len(x) * grid.resolution_m**2 < 12.0
+    assert_within_room(x, y)
 
 
 def test_open_floor_is_mapped_where_nothing_returns() -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mazebot.common.config import ConfigError
-from mazebot.common.maths.frames import SE2, Array, wrap_angle
+from mazebot.common.maths.frames import SE2, Array
 from mazebot.common.robot.waffle import BASE_FROM_SCAN
 
 if TYPE_CHECKING:
@@ -177,7 +177,8 @@ class Log:
         long = [
             Gap(from_ns, to_ns)
             for (from_ns, before), (to_ns, after) in itertools.pairwise(poses)
-            if (to_ns - from_ns) * 1e-9 > least_s and _has_moved(before, after)
+            if (to_ns - from_ns) * 1e-9 > least_s
+            and not before.is_near(after, _GAP_MOVED_M, _GAP_TURNED_RAD)
         ]
         scans_ns = [entry.stamp_ns for entry in self.entries if entry.scan is not None]
         return [
@@ -292,11 +293,6 @@ def _scaled(entry: Entry, factor: float) -> Entry:
     if pose is None:
         return entry
     return replace(entry, odom_from_base=SE2(pose.x_m * factor, pose.y_m * factor, pose.yaw_rad))
-
-
-def _has_moved(before: SE2, after: SE2) -> bool:
-    turned_rad = abs(wrap_angle(after.yaw_rad - before.yaw_rad))
-    return before.distance_m(after) > _GAP_MOVED_M or turned_rad > _GAP_TURNED_RAD
 
 
 def _named(frames: Iterable[str]) -> str:

@@ -69,11 +69,12 @@ def with_reach(log: Log) -> Log:
     return as range_max of lidars that state far more and have beams without a return: how far those
     were free is not known, and walls would stand in free space.
     """
-    coded = {frame: seen.longest_m for frame, seen in _lidars(log).items() if seen.has_code}
+    lidars = _lidars(log)
+    coded = {frame: seen.longest_m for frame, seen in lidars.items() if seen.has_code}
     if coded:
         entries = [_without_code(entry, coded) for entry in log.entries]
         log = replace(log, entries=entries, codes_m=tuple(coded.values()))
-    lidars = _lidars(log)
+        lidars = _lidars(log)
     short = {frame: seen for frame, seen in lidars.items() if seen.is_short}
     return replace(
         log,
@@ -85,10 +86,11 @@ def with_reach(log: Log) -> Log:
 
 def _lidars(log: Log) -> dict[str, _Seen]:
     """What was seen, by the frame of each lidar."""
-    lidars: dict[str, _Seen] = {}
-    for entry in log.entries:
-        if entry.scan is not None:
-            lidars.setdefault(entry.scan.frame_id, _Seen()).add(entry.scan)
+    lidars = {}
+    for frame, scans in log.scans_by_lidar().items():
+        seen = lidars[frame] = _Seen()
+        for _, scan in scans:
+            seen.add(scan)
     return lidars
 
 
