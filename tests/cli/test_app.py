@@ -35,7 +35,7 @@ NO_GL = {
 THREADS = "OPENBLAS_NUM_THREADS"
 WRITTEN = (
     "/cmd_vel", "/cmd_vel_teleop", "/controller_selector", "/explore/resume", "/goal_pose",
-    "/goal_update", "/initialpose", "/planner_selector",
+    "/goal_update", "/initialpose", "/planner_selector", "/speed_limit",
 )  # fmt: skip
 """The topics of the user's tools."""
 

@@ -244,6 +244,7 @@ SAMPLES: dict[Topic[Any], Any] = {
     table.GOAL_UPDATE: msg.PoseStamped(HEADER, POSE),
     table.CONTROLLER_SELECTOR: msg.String(data="regulated_pure_pursuit"),
     table.PLANNER_SELECTOR: msg.String(data="a_star"),
+    table.SPEED_LIMIT: msg.SpeedLimit(HEADER, percentage=True, speed_limit=50.0),
     table.AMCL_POSE: msg.PoseWithCovarianceStamped(
         HEADER, msg.PoseWithCovariance(POSE, COVARIANCE)
     ),

@@ -79,6 +79,7 @@ from mazebot.common.messages.topics import (
     SIMULATION_STATS,
     SMOOTH_PATH,
     SPEED_FILTER_MASK,
+    SPEED_LIMIT,
     TF,
     TF_STATIC,
     TOGGLE_COLLISION_MONITOR,
@@ -160,6 +161,7 @@ class _Checkpoint(NamedTuple):
     epoch: int | None
     goal: Goal | None
     parameters: Mapping[str, JsonValue]
+    speed_limit: act.SpeedLimit
 
 
 class NavigationNode(Node):
@@ -305,6 +307,7 @@ class NavigationNode(Node):
             self._hear_selectors(inbox, self._drive.robot)
             # After the goals, so that what is sent right after a goal counts for it.
             self._hear_goal_updates(now_ns, inbox, self._drive.robot)
+        self._hear_speed_limits(inbox)
         self._set_parameters(now_ns, inbox, outbox)
         self._control(now_ns, outbox, passes)
         self._publish(now_ns, outbox)
@@ -324,13 +327,15 @@ class NavigationNode(Node):
         if kept is not None and (kept.world_hash, kept.epoch) == run:
             self._kept = None
             self._take_parameters(now_ns, kept.parameters, outbox)
+            if self._told.speed_limit == act.SpeedLimit():
+                self._told.speed_limit = kept.speed_limit
             if kept.goal is not None:
                 self._goals.before = Goal(
                     kept.goal_id, kept.goal_stamp_ns, kept.goal, kept.start_ns, kept.resumed,
                     kept.missed, kept.paused, kept.explores,
                 )  # fmt: skip
             # Who waits for its result learns that it is not lost, before it may end.
-            self._put_checkpoint(outbox, _Checkpoint(*run, self._goals.before, self._changed))
+            self._put_checkpoint(outbox, self._checkpoint_of(self._goals.before))
         if self.waiting_for() is None:
             self._kept, self._resumed = None, True
             self._goals.resume(now_ns, self._ready_drive)
@@ -599,6 +604,21 @@ class NavigationNode(Node):
                 else:
                     robot.told.names_heard[topic.name.lstrip("/")] = name.data
 
+    def _hear_speed_limits(self, inbox: Inbox) -> None:
+        """Take the highest speed; one that is none changes nothing."""
+        for heard in inbox.new(SPEED_LIMIT):
+            over = heard.percentage and heard.speed_limit > 100.0
+            if heard.speed_limit < 0.0 or over:
+                inbox.reject(SPEED_LIMIT, "out of range")
+                asked = "must be 0 to 100 percent" if heard.percentage else "must be 0 m/s or more"
+                _LOG.error("%s: speed_limit %g: %s", SPEED_LIMIT.name, heard.speed_limit, asked)
+                continue
+            limit = act.SpeedLimit(percentage=heard.percentage, speed_limit=heard.speed_limit)
+            # Some send it again and again.
+            if limit != self._told.speed_limit:
+                self._told.speed_limit = limit
+                _LOG.info("Speed limit: %s", limit)
+
     def _hear_goal_updates(self, now_ns: int, inbox: Inbox, robot: RobotContext) -> None:
         """Take where the goal of the task has moved to."""
         for update in inbox.new(GOAL_UPDATE):
@@ -795,9 +815,13 @@ class NavigationNode(Node):
         if goal is not None and self._drive is not None:
             goal = goal._replace(paused=self._drive.navigator.paused)
         goal = goal or self._goals.before
-        now = _Checkpoint(self.world_hash, self._watch.epoch, goal, self._changed)
+        now = self._checkpoint_of(goal)
         if now != self._checkpoint:
             self._put_checkpoint(outbox, now)
+
+    def _checkpoint_of(self, goal: Goal | None) -> _Checkpoint:
+        run = self.world_hash, self._watch.epoch
+        return _Checkpoint(*run, goal, self._changed, self._told.speed_limit)
 
     def _put_checkpoint(self, outbox: Outbox, now: _Checkpoint) -> None:
         self._checkpoint, goal = now, now.goal
@@ -807,6 +831,7 @@ class NavigationNode(Node):
                 world_hash=now.world_hash,
                 epoch=now.epoch,
                 parameters=dict(now.parameters),
+                speed_limit=now.speed_limit,
                 goal=None if goal is None else goal.asked,
                 goal_id="" if goal is None else goal.goal_id,
                 goal_stamp_ns=None if goal is None else goal.stamp_ns,

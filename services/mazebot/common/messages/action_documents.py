@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Literal
 
 from pydantic import Field, JsonValue
@@ -167,6 +168,26 @@ class WaypointStatus(Document):
     error_msg: str = ""
 
 
+class SpeedLimit(Document):
+    """The highest speed of the controllers, as nav2_msgs/msg/SpeedLimit has it."""
+
+    percentage: bool = Field(False, description="of the controllers' `max_linear_vel`; else m/s")
+    speed_limit: Finite = Field(0.0, description="0: none")
+
+    def highest_m_s(self, max_linear_vel_m_s: float) -> float:
+        """The limit in m/s of a robot whose highest speed is `max_linear_vel_m_s`; inf: none."""
+        if not self.speed_limit:
+            return math.inf
+        share = max_linear_vel_m_s / 100.0 if self.percentage else 1.0
+        return self.speed_limit * share
+
+    def __str__(self) -> str:
+        if not self.speed_limit:
+            return "none"
+        unit = "% of max_linear_vel" if self.percentage else "m/s"
+        return f"{self.speed_limit:g} {unit}"
+
+
 class NavigationCheckpoint(Document):
     """What a navigation that is started again needs to go on with the goal of the one before."""
 
@@ -175,6 +196,7 @@ class NavigationCheckpoint(Document):
     parameters: dict[str, JsonValue] = Field(
         default_factory=dict, description="those that were set while it ran, by dotted name"
     )
+    speed_limit: SpeedLimit = Field(SpeedLimit(), description="heard on /speed_limit")
     goal: ActionGoal | None = Field(description="what is still to be done; null: no goal")
     goal_id: str = Field("", description="empty: it came on /goal_pose")
     goal_stamp_ns: int | None = Field(None, description="stamp of the message on /goal_pose")

@@ -204,7 +204,18 @@ class OccupancyGridUpdate:
     __msgtype__: ClassVar[str] = "map_msgs/msg/OccupancyGridUpdate"
 
 
+@dataclass
+class SpeedLimit:
+    """nav2_msgs/SpeedLimit: the highest speed, in m/s or in percent of the robot's; 0: none."""
+
+    header: Header
+    percentage: bool
+    speed_limit: float
+    __msgtype__: ClassVar[str] = "nav2_msgs/msg/SpeedLimit"
+
+
 OTHER_MESSAGES: dict[type[RosMessage], str] = {
+    SpeedLimit: "std_msgs/Header header\nbool percentage\nfloat64 speed_limit\n",
     OccupancyGridUpdate: (
         "std_msgs/Header header\nint32 x\nint32 y\nuint32 width\nuint32 height\nint8[] data\n"
     ),

@@ -264,6 +264,10 @@ PLANNER_SELECTOR = Topic(
     "/planner_selector", msg.String, (EDGE,), ("navigation", "recorder"), _LATCHED,
     "name of a planner, for `PlannerSelector` in a behaviour tree; empty: the tree's default",
 )  # fmt: skip
+SPEED_LIMIT = Topic(
+    "/speed_limit", msg.SpeedLimit, (EDGE,), ("navigation", "recorder"), _EVERY,
+    "the highest speed of the controllers, in m/s or in percent of `max_linear_vel`; 0: no limit",
+)  # fmt: skip
 AMCL_POSE = Topic(
     "/amcl_pose", msg.PoseWithCovarianceStamped, ("localization", "mapping"),
     ("navigation", "explorer", "recorder"), _LATEST,

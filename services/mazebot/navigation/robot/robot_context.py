@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from mazebot.common.maths.frames import SE2
+from mazebot.common.messages import action_documents as act
 from mazebot.common.messages.error_codes import ErrorCode
 from mazebot.common.world.costmap import Cells
 from mazebot.navigation.behavior.context import (
@@ -51,6 +52,8 @@ class Told:
 
     monitor_enabled: bool = True
     """Whether the collision monitor checks commands."""
+    speed_limit: act.SpeedLimit = field(default_factory=act.SpeedLimit)
+    """The newest heard on /speed_limit."""
     names_heard: dict[str, str] = field(default_factory=dict)
     """Last name of a plugin heard on each selector topic, such as `planner_selector`."""
 
@@ -118,6 +121,7 @@ class RobotContext:
         limit_m_s = speed_limit_m_s(
             self.zones, server.followed, server.nearest, pose, late_m, server.params.max_linear_vel
         )
+        limit_m_s = min(limit_m_s, self.told.speed_limit.highest_m_s(server.params.max_linear_vel))
         if view.slows_down:
             limit_m_s = min(limit_m_s, server.params.slowdown_ratio * server.params.max_linear_vel)
         return Surroundings(

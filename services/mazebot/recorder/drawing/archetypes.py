@@ -66,6 +66,7 @@ from mazebot.common.messages.topics import (
     SCAN,
     SIMULATION_STATS,
     SPEED_FILTER_MASK,
+    SPEED_LIMIT,
     TF,
     TF_STATIC,
     TRAJECTORIES,
@@ -106,6 +107,7 @@ from mazebot.recorder.drawing.navigation_drawing import (
     draw_photo_request,
     draw_plan,
     draw_planner_selector,
+    draw_speed_limit,
     draw_speed_mask,
     draw_trajectories,
 )
@@ -253,6 +255,7 @@ DRAW: dict[Topic[Any], Callable[[Canvas, Any], None]] = {
     GOAL_UPDATE: draw_goal_update,
     CONTROLLER_SELECTOR: draw_controller_selector,
     PLANNER_SELECTOR: draw_planner_selector,
+    SPEED_LIMIT: draw_speed_limit,
     AMCL_POSE: draw_amcl_pose,
     PARTICLE_CLOUD: draw_particle_cloud,
     GLOBAL_LOCALIZATION_REQUEST: draw_global_localization_request,

@@ -130,6 +130,13 @@ def draw_planner_selector(canvas: Canvas, name: msg.String) -> None:
     canvas.log_text("planner_selector", f"planner: {name.data or 'default'}")
 
 
+def draw_speed_limit(canvas: Canvas, limit: msg.SpeedLimit) -> None:
+    """The highest speed that was asked for, in the log."""
+    canvas.at(limit.header.stamp)
+    heard = act.SpeedLimit(percentage=limit.percentage, speed_limit=limit.speed_limit)
+    canvas.log_text("speed_limit", f"speed limit: {heard}")
+
+
 def _place_name(canvas: Canvas, at: SE2) -> str:
     """The name of the location there, if it has one, and its coordinates."""
     near_m = [
