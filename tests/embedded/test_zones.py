@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 from mazebot.common.maths.frames import SE2, Array
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.action_documents import ClearCostmap
+from mazebot.common.messages.documents import SetParameters
 from mazebot.common.messages.error_codes import ErrorCode
 from mazebot.common.messages.topics import (
     CLEAR_COSTMAP,
     GLOBAL_COSTMAP,
     GROUND_TRUTH_ODOM,
     KEEPOUT_FILTER_MASK,
+    SET_PARAMETERS,
     SPEED_FILTER_MASK,
 )
 from mazebot.embedded.session import Session
@@ -38,13 +40,16 @@ SLOW = {
 }  # fmt: skip
 
 
-def room(tmp_path: Path, controller: str = "mppi", **fields: object) -> Session:
+def room(
+    tmp_path: Path, controller: str = "mppi", settings: Path | None = None, **fields: object
+) -> Session:
     recipe = folder.room()
     recipe |= {"map_resolution_m": 0.05, "start": {"x_m": -1.5, "y_m": 0.0}, "locations": {}}
     worlds_dir = folder.make(tmp_path / "worlds", recipe | fields)
     return Session(
-        "room", worlds_dir=worlds_dir, camera=False, controller=controller, scan_noise_m=0.0
-    )
+        "room", worlds_dir=worlds_dir, camera=False, controller=controller, scan_noise_m=0.0,
+        settings=settings,
+    )  # fmt: skip
 
 
 def drive(session: Session, x_m: float, y_m: float) -> tuple[int, Array, Array]:
@@ -92,6 +97,30 @@ def test_a_very_slow_zone_is_driven_through_and_no_failure_of_the_controller(
     with room(tmp_path, controller, speed_limits=[slow]) as session:
         result = session.goal(-0.5, 0.0)
     assert (result.error_code, result.number_of_recoveries) == (0, 0), result.error_msg
+
+
+@pytest.mark.parametrize("controller", CONTROLLERS)
+def test_percents_are_of_the_speed_that_the_robot_may_drive_now(
+    controller: str, tmp_path: Path
+) -> None:
+    slow = {"name": "ward", "polygon_m": rectangle((-1.2, 0.6), (-1.0, 1.0)), "percent": 50}
+    # More than the robot can.
+    settings = tmp_path / "fast.yaml"
+    settings.write_text("navigation: {controller_server: {max_linear_vel: 1.0}}")
+    with room(tmp_path, controller, settings=settings, speed_limits=[slow]) as session:
+        code, places_m, speeds_m_s = drive(session, 1.4, 0.0)
+        in_zone = within(places_m, (-1.1, 0.5), (-1.0, 1.0))
+        assert (code, in_zone.any()) == (0, True)
+        assert 0.15 < speeds_m_s[in_zone].max() < 0.25
+        values = {"controller_server.max_linear_vel": 0.2}
+        assert session.ask(SET_PARAMETERS, SetParameters(values=values), 9.0).error == ""
+        code, places_m, speeds_m_s = drive(session, -1.5, 0.0)
+        in_zone = within(places_m, (-1.1, 0.5), (-1.0, 1.0))
+        assert (code, in_zone.any()) == (0, True)
+        assert 0.06 < speeds_m_s[in_zone].max() < 0.12
+        mask = session.latest(SPEED_FILTER_MASK)
+    assert mask is not None
+    assert mask.data.max() == 50
 
 
 def test_a_goal_in_a_keepout_zone_is_refused_by_its_name_and_cleared_costmaps_keep_it(

@@ -94,7 +94,7 @@ def reconfigure(
 ) -> None:
     """Drive on with other parameters of the controller server, the velocity smoother and the
     collision monitor, and begin behaviours and docking with theirs. What has the same parameters as
-    before goes on as it is. Percentages of speed zones stay those of the speed at the start.
+    before goes on as it is.
 
     Raises ConfigError, and changes nothing, where a controller that is named cannot be used.
     """

@@ -462,7 +462,7 @@ class NavigationNode(Node):
     def _zones(self, frame: GridFrame) -> Zones | None:
         world, masks = self._world, self._masks
         return zones_of(
-            frame, self._config.controller_server.max_linear_vel,
+            frame, self._driven.controller_server.max_linear_vel,
             world.keepout_zones if world is not None else (),
             world.speed_limits if world is not None else (), masks.keepout, masks.speed,
         )  # fmt: skip
@@ -718,7 +718,11 @@ class NavigationNode(Node):
         if self._drive is not None:
             random = random_generator(self._watch.seed, "navigation/control")
             reconfigure(self._drive, self._driven, driven, random)
+        of_m_s = self._driven.controller_server.max_linear_vel
         self._config, self._driven = config, driven
+        if self._drive is not None and driven.controller_server.max_linear_vel != of_m_s:
+            # Limits in percent are of the highest speed.
+            self._drive.robot.planner_server.zones = self._zones(self._drive.robot.costmap.frame)
         if told:
             _LOG.warning("%s", told)
 
@@ -853,7 +857,7 @@ class NavigationNode(Node):
             keepout = zones.keepout if zones is not None and zones.keepout.size else None
             outbox.put(KEEPOUT_FILTER_MASK, mask_message(now_ns, frame, keepout))
         if any(each is not None and each.limits_m_s.size for each in (zones, shown)):
-            highest_m_s = self._config.controller_server.max_linear_vel
+            highest_m_s = self._driven.controller_server.max_linear_vel
             speeds = zones.speed_values(highest_m_s) if zones is not None else None
             outbox.put(SPEED_FILTER_MASK, mask_message(now_ns, frame, speeds))
 
