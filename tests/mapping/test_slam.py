@@ -313,6 +313,40 @@ def test_what_moves_away_is_cleared() -> None:
     assert (grid.cells[row, first:last] == 0).mean() >= 0.8
 
 
+def test_who_has_walked_on_is_cleared_by_a_robot_that_stands_and_stays_none_of_the_map() -> None:
+    here = SE2(0.7, 0.7, 0.3)
+    random = np.random.default_rng(5)
+    steps = log(ROOM, [here] * 100)
+
+    def beside(x: float) -> Array:
+        return np.concatenate([ROOM, box(x, 1.3, x + 0.2, 1.5)])
+
+    def seen(step: Step, walls: Array) -> Step:
+        return dataclasses.replace(step, ranges_m=scan(walls, step.true, LDS, random))
+
+    # Somebody stands there when the map is begun, and walks to and fro for the second half.
+    steps = (
+        [seen(step, beside(1.2)) for step in steps[:5]]
+        + steps[5:50]
+        + [
+            seen(step, beside(0.5 + 0.02 * min(i % 40, 40 - i % 40)))
+            for i, step in enumerate(steps[50:])
+        ]
+    )
+    slam = Slam(PARAMS, here)
+    keyframes = []
+    for i, _ in enumerate(feed(slam, steps, LDS)):
+        if i in (4, 49, 99):
+            grid = slam.grid()
+            x, y = cells_m(grid, 100)
+            occupied = (x > 0.4) & (x < 1.7) & (y > 1.2) & (y < 1.6)
+            keyframes.append((slam.keyframes, bool(occupied.any())))
+    assert keyframes[0] == (1, True)
+    assert keyframes[1][1] is False
+    assert keyframes[1] == keyframes[2]
+    assert keyframes[2][0] <= 5
+
+
 def test_a_pose_that_scans_left_behind_is_found_again() -> None:
     steps = log(ROOM, TOUR)
     # Odometry does not tell of a shift that is smaller than a jump.

@@ -33,6 +33,7 @@ from mazebot.mapping.matching.local_map import LocalMap, compacted, local_map
 from mazebot.mapping.matching.occupancy import (
     MapGrid,
     Occupancy,
+    Structures,
     share_behind_walls,
     share_in_free,
 )
@@ -89,6 +90,14 @@ _SURE_FIT = 0.8
 """A scan that fits so well adds to what the keyframe next to it has seen."""
 _MOST_SCANS, _REBUILD_SCANS = 16, 4
 """Scans of a keyframe, and how many of them are added until the local map is rebuilt."""
+_LOOK_AGAIN_NS, _GONE_TWICE = 500_000_000, 2
+"""So often a scan next to a keyframe is compared with the grid; twice in a row, what has gone is no
+chance.
+"""
+_MOST_AGAIN, _AGAIN_M = 4, 0.5
+"""Keyframes for the sake of what has gone, at most, and within which distance: what several have
+seen there, such as glass at right angles, stays.
+"""
 _COMPACT_M = 0.025
 """Their returns are averaged within cells of this side."""
 _LOST_FIT = 0.3
@@ -166,6 +175,12 @@ class Slam:
         self._stamps_ns: list[int] = []
         self._occupancy = Occupancy(params.resolution)
         self._grid: tuple[int, MapGrid] | None = None
+        self._structures: tuple[int, Structures] | None = None
+        self._looked_again_ns = 0
+        self._gone = 0
+        """Scans in a row that showed something to be gone."""
+        self._again: list[int] = []
+        """Keyframes for the sake of what has gone."""
         self._map_from_odom = map_from_odom
         self._scanned: tuple[int, SE2] | None = None
         """Stamp of the last scan, and odometry there."""
@@ -389,6 +404,7 @@ class Slam:
             self._add_keyframe(stamp_ns, seen, returns, fit is not None and fit >= _LOST_FIT)
         elif fit is not None and fit >= max(self._usual_fit - _DOUBTFUL, _SURE_FIT):
             self._enrich(returns, seen.sensor)
+            self._look_again(stamp_ns, seen)
         if self._visited:
             self._visited = False
             self._close_loop(self._reference)
@@ -498,6 +514,28 @@ class Slam:
             self._clouds[node] = compacted(self._clouds[node], _COMPACT_M)
         if self._scans_of[node] % _REBUILD_SCANS == 0:
             self._local = None
+
+    def _look_again(self, stamp_ns: int, seen: ScanPoints) -> None:
+        """Make a scan next to a keyframe one too, where it shows that something has gone: people
+        whom keyframes have seen would stay in the map, and close doors.
+        """
+        if stamp_ns - self._looked_again_ns < _LOOK_AGAIN_NS:
+            return
+        self._looked_again_ns = stamp_ns
+        if self._structures is None or self._structures[0] != self.map_version:
+            self._structures = self.map_version, Structures.of(self.grid())
+        structures = self._structures[1]
+        self._gone = self._gone + 1 if structures.gone(self._pose, seen) else 0
+        if self._gone < _GONE_TWICE:
+            return
+        again = np.array(self._again, np.int64)
+        if np.count_nonzero(self._away_m(again) <= _AGAIN_M) >= _MOST_AGAIN:
+            return
+        known = structures.without_new(self._pose, seen)
+        returns = thinned(known.points_m, _SPACING_M, _MOST_RETURNS)
+        if len(returns) >= _FEW_RETURNS:
+            self._again.append(len(self._seen))
+            self._add_keyframe(stamp_ns, known, returns, matched=True)
 
     def _predict(
         self, stamp_ns: int, odom_from_base: SE2, returns: Array, sensor: SE2

@@ -30,10 +30,10 @@ def distance_cells(solid: NDArray[np.bool_]) -> NDArray[np.float64]:
     return np.asarray(np.sqrt(np.rint(squared)), np.float64)
 
 
-def connected_regions(where: NDArray[np.bool_]) -> NDArray[np.int32]:
+def connected_regions(where: NDArray[np.bool_], *, diagonally: bool = False) -> NDArray[np.int32]:
     """(rows, columns), the number, from 1, of each cell's region, connected over the sides of
-    cells; 0 elsewhere.
+    cells, or `diagonally` over their corners too; 0 elsewhere.
     """
     cells = np.ascontiguousarray(where).view(np.uint8)
-    _, regions = cv2.connectedComponents(cells, connectivity=4)
+    _, regions = cv2.connectedComponents(cells, connectivity=8 if diagonally else 4)
     return np.asarray(regions, np.int32)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from mazebot.common.maths import portable, portable_kernels
 from mazebot.common.maths.frames import SE2, Array
 from mazebot.common.maths.kernels import kernel
+from mazebot.common.world.grids import connected_regions
 from mazebot.mapping.matching.scan_points import ScanPoints, moved
 
 HIT, MISS, LIMIT = 0.85, -0.4, 3.5
@@ -29,6 +30,10 @@ _BEHIND_M = 0.3
 """A return is behind a wall that its beam meets so long before it ends."""
 _FOLLOWED = 180
 """About so many beams say enough."""
+_CROSSINGS = 3
+"""So many beams through something say that it is not there."""
+_SHOWN_M = 0.12
+"""A return so near to something shows it."""
 
 
 @dataclass(frozen=True)
@@ -126,6 +131,85 @@ class Occupancy:
             seen[row : row + rows, column : column + columns] = self._seen
         self._row0, self._column0, self._log_odds, self._seen = row0, column0, log_odds, seen
         return True
+
+
+@dataclass(frozen=True)
+class Structures:
+    """What stands in a map, each thing for itself: that of which a scan shows nothing, although
+    its beams go through it, was there only for a while.
+    """
+
+    grid: MapGrid
+    regions: NDArray[np.int32]
+    """(rows, columns) number of the thing that a cell belongs to; 0: none."""
+
+    @classmethod
+    def of(cls, grid: MapGrid) -> Structures:
+        """Of a map."""
+        return cls(grid, connected_regions(grid.cells == OCCUPIED, diagonally=True))
+
+    def gone(self, map_from_base: SE2, seen: ScanPoints) -> int:
+        """How many things a scan shows to be gone."""
+        grid_from_base = self.grid.origin.inverse() @ map_from_base
+        count = int(self.regions.max(initial=0)) + 1
+        shown, crossings = np.zeros(count, np.bool_), np.zeros(count, np.int64)
+        ends_m = np.concatenate([seen.points_m, seen.misses_m])
+        _cross(
+            self.regions, moved(ends_m, grid_from_base), len(seen.points_m),
+            *(grid_from_base @ seen.sensor)[:2], self.grid.resolution_m, shown, crossings,
+        )  # fmt: skip
+        shown[0] = True
+        return int(np.count_nonzero((crossings >= _CROSSINGS) & ~shown))
+
+    def without_new(self, map_from_base: SE2, seen: ScanPoints) -> ScanPoints:
+        """A scan without returns where the map is free: of what comes and goes."""
+        grid = self.grid
+        places_m = moved(seen.points_m, grid.origin.inverse() @ map_from_base)
+        columns, rows = np.floor(places_m / grid.resolution_m).astype(np.int64).T
+        inside = (rows >= 0) & (rows < grid.cells.shape[0])
+        inside &= (columns >= 0) & (columns < grid.cells.shape[1])
+        known = np.zeros(len(places_m), np.bool_)
+        known[inside] = grid.cells[rows[inside], columns[inside]] == FREE
+        return replace(seen, points_m=np.ascontiguousarray(seen.points_m[~known]))
+
+
+@kernel(
+    "void(int32[:, ::1], float64[:, ::1], int64, float64, float64, float64, boolean[::1], "
+    "int64[::1])"
+)
+def _cross(
+    regions: NDArray[np.int32],
+    ends_m: Array,
+    hits: int,
+    sensor_x_m: float,
+    sensor_y_m: float,
+    resolution_m: float,
+    shown: NDArray[np.bool_],
+    crossings: NDArray[np.int64],
+) -> None:
+    """Which regions returns are next to, and how many beams go through each."""
+    rows, columns = regions.shape
+    reach = math.ceil(_SHOWN_M / resolution_m)
+    for i in range(ends_m.shape[0]):
+        if i < hits:
+            column = math.floor(ends_m[i, 0] / resolution_m)
+            row = math.floor(ends_m[i, 1] / resolution_m)
+            for r in range(max(0, row - reach), min(rows, row + reach + 1)):
+                for c in range(max(0, column - reach), min(columns, column + reach + 1)):
+                    shown[regions[r, c]] = True
+        dx, dy = ends_m[i, 0] - sensor_x_m, ends_m[i, 1] - sensor_y_m
+        length_m = math.sqrt(dx * dx + dy * dy)
+        steps = math.floor((length_m - _BEHIND_M) / (0.5 * resolution_m))
+        last = 0
+        for step in range(1, steps):
+            along = step * 0.5 * resolution_m / length_m
+            r = math.floor((sensor_y_m + along * dy) / resolution_m)
+            c = math.floor((sensor_x_m + along * dx) / resolution_m)
+            if 0 <= r < rows and 0 <= c < columns:
+                region = regions[r, c]
+                if region and region != last:
+                    crossings[region] += 1
+                    last = region
 
 
 @kernel(
