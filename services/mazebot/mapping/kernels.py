@@ -16,6 +16,8 @@ from mazebot.common.robot import wheel_slip
 from mazebot.mapping.graph.sparse_cholesky import analyse, factorize
 from mazebot.mapping.loops.loop_search import loop_search, search_map
 from mazebot.mapping.matching.local_map import compacted
+from mazebot.mapping.matching.occupancy import Structures
+from mazebot.mapping.matching.scan_points import scan_points
 from mazebot.mapping.params import SlamParams
 from mazebot.mapping.slam import Slam
 
@@ -31,7 +33,6 @@ def compile_kernels(params: SlamParams) -> None:
     """
     wheel_slip.compile_kernels()
     slam = Slam(params, SE2(0.0, 0.0, 0.0))
-    sensor = SE2(0.0, 0.0, 0.0)
     map_from_marker = msg.matrix_from_pose(
         msg.pose_from_se2(SE2(_ROOM_M / 2.0, 0.0, math.pi / 2.0), 0.3)
     )
@@ -41,12 +42,13 @@ def compile_kernels(params: SlamParams) -> None:
         pose = SE2(_AT_ONCE_M * away, 0.05 * away, 0.1 * away)
         stamp_ns = (step + 1) * 100_000_000
         slam.odometry(stamp_ns, pose if step != 6 else pose @ SE2(0.4, 0.0, 0.5))
-        slam.scan(Scan(_room(pose), 0.0, math.tau / _BEAMS, 0.1, 3.5, sensor, stamp_ns))
+        slam.scan(_scan(pose, stamp_ns))
         camera_from_marker = portable.product(portable.inverse(pose.matrix(0.2)), map_from_marker)
         slam.marker(
             stamp_ns, "DICT_4X4_100", 0, [(camera_from_marker, np.eye(6) * 1e-4, 1.0)], np.eye(4)
         )
-    slam.grid()
+    seen = scan_points(_scan(SE2(0.0, 0.0, 0.0), 0), params.max_laser_range)
+    Structures.of(slam.grid()).gone(SE2(0.0, 0.0, 0.0), seen)
     Slam.restored(params, slam.document(0))
     # No loop is closed in so small a room.
     factor = factorize(
@@ -56,6 +58,11 @@ def compile_kernels(params: SlamParams) -> None:
         factor.solve(np.ones((1, 3)))
     points_m = np.ascontiguousarray(compacted(np.ones((3, 6)), 0.05)[:, :2])
     loop_search(search_map(points_m), points_m, SE2(0.1, 0.0, 0.1), 0.2, 0.2)
+
+
+def _scan(pose: SE2, stamp_ns: int) -> Scan:
+    sensor = SE2(0.0, 0.0, 0.0)
+    return Scan(_room(pose), 0.0, math.tau / _BEAMS, 0.1, 3.5, sensor, stamp_ns)
 
 
 def _room(pose: SE2) -> NDArray[np.float32]:

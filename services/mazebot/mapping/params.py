@@ -6,6 +6,8 @@ from pydantic import Field
 
 from mazebot.common.config import Params
 
+_LEAST_LINE_CELL_M = 0.05
+
 
 class SlamParams(Params):
     """Parameters of the scan matching, the keyframes, the loops and the grid.
@@ -16,7 +18,7 @@ class SlamParams(Params):
 
     resolution: float = Field(0.05, ge=0.01, le=1.0, description="m; side of the map's cells")
     max_laser_range: float = Field(
-        20.0, gt=0, description="m; beams are cut here; the scan's own limit counts, too"
+        40.0, gt=0, description="m; beams are cut here; the scan's own limit counts, too"
     )
     min_laser_range: float = Field(
         -1.0, description="m; nearer returns are not used; negative: the scan's own limit"
@@ -56,7 +58,11 @@ class SlamParams(Params):
         "after a long step of odometry",
     )
     correlation_search_space_resolution: float = Field(
-        0.05, ge=0.01, le=0.5, description="m; side of the cells that hold the lines of walls"
+        0.05,
+        ge=0.01,
+        le=0.5,
+        description="m; side of the cells that hold the lines of walls, which are exact: less than "
+        "0.05 is taken as 0.05, since smaller cells would only reach less far",
     )
     correlation_search_space_smear_deviation: float = Field(
         0.08, gt=0, description="m; how far from a line a return still counts in the search"
@@ -109,3 +115,8 @@ class SlamParams(Params):
     map_update_interval: float = Field(
         1.0, gt=0, description="s; least time between two maps that are published"
     )
+
+    @property
+    def line_cell_m(self) -> float:
+        """Side of the cells that hold the lines of walls."""
+        return max(self.correlation_search_space_resolution, _LEAST_LINE_CELL_M)

@@ -38,6 +38,7 @@ from mazebot.mapping.matching.occupancy import (
     share_in_free,
 )
 from mazebot.mapping.matching.odometry_quality import OdometryQuality
+from mazebot.mapping.matching.odometry_scale import OdometryScale
 from mazebot.mapping.matching.refine import Refined, refine
 from mazebot.mapping.matching.scan_points import (
     ScanPoints,
@@ -208,6 +209,7 @@ class Slam:
         scan that was paired with odometry of another time makes the next step err as much.
         """
         self._wheels = OdometryQuality()
+        self._scale = OdometryScale()
         self._unlearnt_rad2 = 0.0
         """Of the last motion, how much more its turn may vary by the parameters than as learnt."""
         self._reference = -1
@@ -547,6 +549,8 @@ class Slam:
             return None
         before_ns, before = self._scanned
         moved = before.inverse() @ odom_from_base
+        factor = self._scale.factor
+        moved = SE2(factor * moved.x_m, factor * moved.y_m, moved.yaw_rad)
         self._unlearnt_rad2 = 0.0
         far_m = moved.distance_m(SE2(0.0, 0.0, 0.0))
         elapsed_s = (stamp_ns - before_ns) * 1e-9
@@ -573,6 +577,7 @@ class Slam:
             self._unlearnt_rad2 = max(0.0, 1.0 - self._wheels.turn) * turn
             turn = self._wheels.turn * turn + _FLOOR_STD_RAD * _FLOOR_STD_RAD
         pose = self._pose @ moved
+        self._scale.begin(self._pose, pose)
         c, s = portable.cos_sin(self._pose.yaw_rad)
         self._covariance = (
             self._covariance.moved(-(pose.y_m - self._pose.y_m), pose.x_m - self._pose.x_m)
@@ -645,7 +650,7 @@ class Slam:
         p = self._params
         least_m = p.correlation_search_space_dimension / 2.0
         return correlate(
-            local, pose, thinned(returns, p.correlation_search_space_resolution, 180),
+            local, pose, thinned(returns, p.line_cell_m, 180),
             max(least_m, min(window_m, _MOST_WINDOW_M)),
             max(p.coarse_search_angle_offset, min(window_rad, _MOST_WINDOW_RAD)),
             p.coarse_angle_resolution, p.correlation_search_space_smear_deviation, prior,
@@ -715,6 +720,8 @@ class Slam:
         self._usual_discord += _USUAL_GAIN * (discord - self._usual_discord)
         if found.fit < _LOST_FIT:
             return found.fit
+        if not (contradicted or found.fit < expected):
+            self._scale.learn(self._pose, self._covariance, found)
         if not (found.open_direction or doubtful or contradicted):
             self._wheels.learn(self._pose, self._covariance, found)
         if found.open_direction and moved is not None:
@@ -820,7 +827,7 @@ class Slam:
         self._local = local_map(
             [graph.pose(node) for node in ordered],
             [self._clouds[node] for node in ordered],
-            p.correlation_search_space_resolution,
+            p.line_cell_m,
         )
         return self._local
 

@@ -241,7 +241,7 @@ class _Known(NamedTuple):
         around = local_map(
             [self.graph.pose(node) for node in near],
             [self.clouds[node] for node in near],
-            p.correlation_search_space_resolution,
+            p.line_cell_m,
         )
         fitted = refine(
             around, start, LOOSE, cloud[:, :2], SE2(0.0, 0.0, 0.0),

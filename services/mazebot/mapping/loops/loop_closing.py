@@ -58,9 +58,10 @@ def find_loop(
     around_m = max(p.loop_search_maximum_distance, old_radius_m, new_radius_m)
     trusted, candidates = graph.trusted_and_candidates(node, around_m)
     old, _ = graph.trusted_and_candidates(near, old_radius_m)
-    old = old[~np.isin(old, trusted)][: p.scan_buffer_size]
+    chain = p.loop_match_minimum_chain_size
+    old = old[~np.isin(old, trusted)][: max(p.scan_buffer_size, chain)]
     new = trusted[_within(graph, trusted, node, new_radius_m / 2.0)][:_NEWEST]
-    if min(len(candidates), len(old), len(new)) < p.loop_match_minimum_chain_size:
+    if min(len(candidates), len(old)) < chain or len(new) < min(chain, _NEWEST):
         return None
     covariance = relative_covariance(graph, near, node)
     window_m = _SIGMAS * float(np.sqrt(max(covariance[0, 0], covariance[1, 1])))
@@ -89,7 +90,7 @@ def find_loop(
         ambiguous = found is None or found.score - found.elsewhere < _APART
         if found is not None and not ambiguous:
             start = found.pose
-    known = local_map(old_poses, old_clouds, p.correlation_search_space_resolution)
+    known = local_map(old_poses, old_clouds, p.line_cell_m)
     std_m = p.scan_match_std_m * math.sqrt(scatter)
 
     def fitted_from(start: SE2) -> Refined:

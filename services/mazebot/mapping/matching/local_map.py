@@ -67,14 +67,16 @@ def local_map(poses: Sequence[SE2], clouds: Sequence[Array], cell_m: float) -> L
     moved, views = np.empty((len(cloud), 2)), np.empty((len(cloud), 2))
     low, high = np.empty(2), np.empty(2)
     _place(np.array(poses, np.float64).reshape(-1, 3), counts, cloud, moved, views, low, high)
-    margin = PAINT_CELLS + 1
-    column0, row0 = (math.floor(value / cell_m) - margin for value in low.tolist())
-    columns, rows = (
-        math.floor(value / cell_m) + margin + 1 - first
-        for value, first in zip(high.tolist(), (column0, row0), strict=True)
-    )
+    (columns, rows), (column0, row0) = _extent(low, high, cell_m)
     if rows * columns > _MOST_CELLS:
-        return _empty(cell_m)
+        # What is farthest from the keyframes is left out.
+        middle_m = np.array([pose[:2] for pose in poses]).mean(axis=0)
+        half_m = (math.sqrt(_MOST_CELLS) / 2.0 - PAINT_CELLS - 3) * cell_m
+        near = (np.abs(moved - middle_m) < half_m).all(axis=1)
+        if not near.any():
+            return _empty(cell_m)
+        cloud, moved, views = cloud[near], moved[near], views[near]
+        (columns, rows), (column0, row0) = _extent(moved.min(axis=0), moved.max(axis=0), cell_m)
     x_m, y_m = column0 * cell_m, row0 * cell_m
     nearest = np.full((rows, columns), -1, np.int32)
     distance_m = np.full((rows, columns), np.inf, np.float32)
@@ -82,6 +84,17 @@ def local_map(poses: Sequence[SE2], clouds: Sequence[Array], cell_m: float) -> L
     nearest[:] = -1
     _paint(surfels, x_m, y_m, cell_m, nearest, distance_m)
     return LocalMap(x_m, y_m, cell_m, surfels, nearest, distance_m)
+
+
+def _extent(low_m: Array, high_m: Array, cell_m: float) -> tuple[tuple[int, int], tuple[int, int]]:
+    """(columns, rows) of the grid of a map from low to high, and its first (column, row)."""
+    margin = PAINT_CELLS + 1
+    column0, row0 = (math.floor(value / cell_m) - margin for value in low_m.tolist())
+    columns, rows = (
+        math.floor(value / cell_m) + margin + 1 - first
+        for value, first in zip(high_m.tolist(), (column0, row0), strict=True)
+    )
+    return (columns, rows), (column0, row0)
 
 
 def compacted(cloud: Array, cell_m: float) -> Array:
