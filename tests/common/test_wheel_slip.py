@@ -22,10 +22,15 @@ Walls = tuple[float, float, float, float]
 
 
 def scan_at(
-    pose: SE2, time_s: float, walls: Walls, random: np.random.Generator, person_m: float
+    pose: SE2,
+    time_s: float,
+    walls: Walls,
+    random: np.random.Generator,
+    person_m: float,
+    exact: bool,
 ) -> Scan:
-    """What a lidar with 1 cm of noise and a range of 3.5 m sees in a rectangle, with a person of
-    0.35 m so far ahead.
+    """What a lidar with 1 cm of noise, or of whole multiples of 2 cm, and a range of 3.5 m sees in
+    a rectangle, with a person of 0.35 m so far ahead.
     """
     x, y, yaw = pose @ BASE_FROM_SCAN
     angles = yaw + np.radians(np.arange(360.0))
@@ -36,7 +41,10 @@ def scan_at(
     ranges = np.minimum(along, across)
     person = np.abs((np.arange(360.0) + 180.0) % 360.0 - 180.0) <= math.degrees(0.175 / person_m)
     ranges[person] = np.minimum(ranges[person], person_m)
-    ranges += random.normal(0.0, 0.01, 360)
+    if exact:
+        ranges = np.round(ranges / 0.02) * 0.02
+    else:
+        ranges += random.normal(0.0, 0.01, 360)
     ranges[ranges > 3.5] = np.inf
     return Scan(
         ranges.astype(np.float32), 0.0, math.radians(1.0), 0.12, 3.5, BASE_FROM_SCAN,
@@ -47,12 +55,14 @@ def scan_at(
 class Run:
     """A robot whose true motion and wheels are told apart."""
 
-    def __init__(self, walls: Walls = ROOM, person_m: float = math.inf) -> None:
+    def __init__(
+        self, walls: Walls = ROOM, person_m: float = math.inf, *, exact: bool = False
+    ) -> None:
         self.slip = WheelSlip()
         self.true = self.odom = self.corrected = SE2(0.0, 0.0, 0.3)
         self.time_s = 0.0
         self._walls, self._random = walls, np.random.default_rng(5)
-        self._person_m = person_m
+        self._person_m, self._exact = person_m, exact
         self.odom = SE2(0.0, 0.0, 0.0)
 
     def drive(self, wheels: SE2, true: SE2, seconds: float) -> Iterator[bool]:
@@ -62,7 +72,9 @@ class Run:
             self.odom, self.true = self.odom @ wheels, self.true @ true
             stamp_ns = round(self.time_s * 1e9)
             self.corrected = self.slip.odometry(stamp_ns, self.odom)
-            scan = scan_at(self.true, self.time_s, self._walls, self._random, self._person_m)
+            scan = scan_at(
+                self.true, self.time_s, self._walls, self._random, self._person_m, self._exact
+            )
             if self.slip.scan(scan):
                 self.corrected = self.slip.corrected
             yield self.slip.slips
@@ -161,6 +173,36 @@ def test_a_robot_that_is_carried_away_does_not_slip() -> None:
     list(run.drive(STEP, STEP, 1.0))
     run.true = SE2(1.2, -0.8, 2.5)
     assert not any(run.drive(STEP, STEP, 2.0))
+
+
+@pytest.mark.parametrize("exact", [False, True])
+@pytest.mark.parametrize("step_m", [0.01, 0.02, 0.03, 0.045])
+@pytest.mark.parametrize("back_m", [0.03, 0.05, 0.07, 0.1])
+def test_a_robot_that_is_pushed_back_once_does_not_slip(
+    back_m: float, step_m: float, exact: bool
+) -> None:
+    run, step = Run(exact=exact), SE2(step_m, 0.0, 0.0)
+    list(run.drive(step, step, 1.0))
+    run.true = run.true @ SE2(-back_m, 0.0, 0.0)
+    assert not any(run.drive(step, step, 3.0))
+    assert run.slip.steady_from_odom is None
+
+
+@pytest.mark.parametrize("yaw_rad", [0.0, 0.3])
+def test_without_noise_a_corridor_looks_the_same_and_tells_no_slip(yaw_rad: float) -> None:
+    run = Run(CORRIDOR, exact=True)
+    run.true = SE2(0.0, 0.1, yaw_rad)
+    along = SE2(0.0, 0.0, -yaw_rad) @ SE2(0.03, 0.0, 0.0) @ SE2(0.0, 0.0, yaw_rad)
+    assert not any(run.drive(along, along, 4.0))
+
+
+@pytest.mark.parametrize("wheels", [STEP, SE2(0.012, 0.0, 0.0)])
+def test_without_noise_a_robot_that_pushes_is_noticed_as_soon(wheels: SE2) -> None:
+    run = Run(exact=True)
+    list(run.drive(STEP, STEP, 1.0))
+    slips = list(run.drive(wheels, STILL, 2.0))
+    assert any(slips[:10])
+    assert all(slips[10:])
 
 
 @pytest.mark.parametrize("ahead_m", [0.6, 1.0])

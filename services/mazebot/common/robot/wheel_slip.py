@@ -5,8 +5,9 @@ A scan is compared with one before that the wheels say was taken elsewhere. Whil
 both, that is all. Where it does not, the motion is sought that does, among shares of odometry's
 way, ways aside, as along a thing that the robot pushes against, and turns: it is a slip if far less
 than odometry's way explains the scans far better.
-Scans that do not tell, as of open floor or along a corridor, change nothing. A scan measures turns
-better than a gyroscope's readings do, and costs less than these at their rate.
+Scans that do not tell, as of open floor or along a corridor, change nothing. A robot that is pushed
+once does not slip: wheels that slip still do after the scan that told it first. A scan measures
+turns better than a gyroscope's readings do, and costs less than these at their rate.
 """
 
 from __future__ import annotations
@@ -46,7 +47,9 @@ _MOST_M: Final = 0.15
 _USUAL_M: Final = 0.012
 """Mean misfit where odometry is right, until it is measured."""
 _MISFIT_RATIO, _MISFIT_M = 2.0, 0.01
-"""A scan with more than this multiple of the usual misfit, and so much more, is not explained."""
+"""A scan with more than this multiple of the usual misfit, and so much more, is not explained.
+Another motion explains it better by so much at least: scans without noise fit to the last bit.
+"""
 _GAIN: Final = 0.02
 _BETTER: Final = 0.5
 """Of odometry's misfit another motion may have at most half."""
@@ -54,10 +57,12 @@ _STOOD: Final = 0.3
 """And less of a robot that seems to have stood for long: a person who walks ahead of it along a
 corridor looks the same, but is seen by fewer beams.
 """
+_AGAIN_M, _AGAIN_RAD = 0.025, 0.06
+"""After the scan that told of a slip first, a shorter way is enough,"""
+_AGAIN_BETTER: Final = 0.75
+"""of which scans with noise tell less."""
 _LEAST_BEAMS: Final = 25
 _BEAM_STEP: Final = 4
-_AGAIN: Final = 2
-"""Comparisons in a row that have to agree."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +90,8 @@ class WheelSlip:
         self._steady_from_base: SE2 | None = None
         """Of the latest odometry, where it was corrected."""
         self._usual_m = _USUAL_M
-        self._agreed = 0
+        self._told: _Seen | None = None
+        """The scan that first told that a slip begins or ends, where it has the robot."""
 
     def odometry(self, stamp_ns: int, odom_from_base: SE2) -> SE2:
         """Add odometry; the same, corrected."""
@@ -107,6 +113,7 @@ class WheelSlip:
             return False
         if self._seen and scan.stamp_ns <= self._seen[-1].stamp_ns:
             self._seen.clear()
+            self._told = None
         seen = _Seen(scan.stamp_ns, odom_from_base, self._steady(odom_from_base), scan)
         while self._seen and self._is_too_old(self._seen[0], seen):
             self._seen.popleft()
@@ -114,7 +121,7 @@ class WheelSlip:
         if self._seen:
             if self.slips and not _moves(self._seen[-1], seen, _STILL_M, _STILL_RAD):
                 # Wheels that stand do not slip.
-                self.slips, self._agreed = False, 0
+                self.slips, self._told = False, None
             before = next(
                 (one for one in reversed(self._seen) if _moves(one, seen, _WAY_M, _TURN_RAD)), None
             )
@@ -162,7 +169,7 @@ class WheelSlip:
         if not 0.0 <= at_rest_m <= self._limit_m:
             return False
         x, y, turn = before.odom_from_base.inverse() @ seen.odom_from_base
-        return at_rest_m <= _STOOD * _misfit_m(before_m, now_m, lidar, x, y, turn)
+        return _is_better(at_rest_m, _misfit_m(before_m, now_m, lidar, x, y, turn), _STOOD)
 
     def _compare(self, before: _Seen, seen: _Seen) -> SE2 | None:
         """The corrected pose at a scan, by one before; None: it stays."""
@@ -174,21 +181,21 @@ class WheelSlip:
             return None
         limit_m = self._limit_m
         at_rest_m = _misfit_m(before_m, now_m, lidar, 0.0, 0.0, 0.0)
-        stands = 0.0 <= at_rest_m <= _BETTER * by_odometry_m
+        stands = at_rest_m >= 0.0 and _is_better(at_rest_m, by_odometry_m, _BETTER)
         if by_odometry_m <= limit_m and not stands:
             if not self.slips:
                 self._usual_m += _GAIN * (by_odometry_m - self._usual_m)
                 return self._judge(before, seen, 1.0, moved)
             if at_rest_m <= by_odometry_m / _BETTER:
                 # As along a corridor: it may stand as well.
-                self._agreed = 0
+                self._told = None
                 return None
             return self._judge(before, seen, 1.0, moved)
         share, x, y, turn, best_m = _best_motion(
             before_m, now_m, lidar, x, y, turn, _SHARES, _ASIDES, _TURNS_RAD, _NEAR_RAD
         )
-        if best_m > limit_m or best_m > _BETTER * by_odometry_m:
-            self._agreed = 0
+        if best_m > limit_m or not _is_better(best_m, by_odometry_m, _BETTER):
+            self._told = None
             return None
         return self._judge(before, seen, float(share), SE2(float(x), float(y), float(turn)))
 
@@ -198,19 +205,39 @@ class WheelSlip:
         """
         slips = share <= _SLIP_SHARE
         if slips == self.slips:
-            self._agreed = 0
+            self._told = None
             if not slips:
                 return None
-        else:
-            self._agreed += 1
-            if self._agreed < _AGAIN:
+        elif self._told is None:
+            self._told = replace(seen, steady_from_base=before.steady_from_base @ moved)
+            return None
+        elif slips:
+            again = self._again(self._told, seen)
+            if again is None:
                 return None
-        self.slips, self._agreed = slips, 0
+            before, moved = self._told, again
+        self.slips, self._told = slips, None
         steady = before.steady_from_base @ moved
         latest = self._history.latest[1]
         now = steady if slips else steady @ (seen.odom_from_base.inverse() @ latest)
         self._steady_from_base, self.steady_from_odom = now, now @ latest.inverse()
         return steady
+
+    def _again(self, told: _Seen, seen: _Seen) -> SE2 | None:
+        """How the robot has moved since a scan that told of a slip, if less than the wheels say
+        since then as well.
+        """
+        if not _moves(told, seen, _AGAIN_M, _AGAIN_RAD):
+            return None
+        before_m, now_m, lidar = _ranges_of(told), _ranges_of(seen), _lidar_of(seen.scan)
+        x, y, turn = told.odom_from_base.inverse() @ seen.odom_from_base
+        by_odometry_m = _misfit_m(before_m, now_m, lidar, x, y, turn)
+        share, x, y, turn, best_m = _best_motion(
+            before_m, now_m, lidar, x, y, turn, _SHARES, _ASIDES, _TURNS_RAD, _NEAR_RAD
+        )
+        if share > _SLIP_SHARE or best_m > min(self._limit_m, _AGAIN_BETTER * by_odometry_m):
+            return None
+        return SE2(float(x), float(y), float(turn))
 
 
 def compile_kernels() -> None:
@@ -228,6 +255,11 @@ def log_slip(logger: logging.Logger, slips: bool, slipped: bool) -> None:
         logger.warning("the wheels slip: the pose does not follow them")
     elif slipped and not slips:
         logger.info("the wheels hold again")
+
+
+def _is_better(misfit_m: float, by_odometry_m: float, share: float) -> bool:
+    """Whether a motion explains a scan far better than odometry's does."""
+    return misfit_m <= min(share * by_odometry_m, by_odometry_m - _MISFIT_M)
 
 
 def _moves(before: _Seen, now: _Seen, way_m: float, turn_rad: float) -> bool:
