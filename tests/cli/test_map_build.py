@@ -189,9 +189,10 @@ class TestLogsAsTheyAre:
         assert "5 without odometry at their time" in str(error.value)
 
     def test_scans_of_a_lidar_that_repeats_itself_are_left_out(self, tmp_path: Path) -> None:
-        rows = [f"{i},{0.1 * i},0,0,2,2,2,2.{min(i, 1)}" for i in range(6)]
+        rows = [f"{i},{0.1 * i},0,0{',2' * 23},2.{min(i, 1)}" for i in range(6)]
         log = tmp_path / "log.csv"
-        header = "time_s,odom_x_m,odom_y_m,odom_yaw_rad,range_0,range_1,range_2,range_3"
+        ranges = ",".join(f"range_{beam}" for beam in range(24))
+        header = f"time_s,odom_x_m,odom_y_m,odom_yaw_rad,{ranges}"
         log.write_text("\n".join([header, *rows]) + "\n")
         with pytest.raises(ConfigError) as error:
             told("--log", str(log), "--out", str(tmp_path / "out"))

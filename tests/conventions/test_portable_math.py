@@ -51,6 +51,7 @@ POSES = {
     "common/world/marker_file.py": 1,
     "common/world/placement.py": 1,
     "common/messages/messages.py": 1,
+    "common/robot/frozen_scans.py": 3,
     "common/robot/wheel_slip.py": 13,
     "localization/beam_model.py": 2,
     "localization/global_search/global_search.py": 4,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mazebot.common.maths.frames import SE2
+from mazebot.common.maths.frames import SE2, Array
 from mazebot.common.messages import action_documents as act
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.documents import (
@@ -157,7 +157,7 @@ def test_a_lidar_that_shows_the_same_turn_again_stops_the_robot_until_it_shows_a
     assert driver.log.commands[-1] == STOP
     assert driver.rejected(SCAN)[FROZEN] > 5
     assert not driver.of(LOCALIZATION_STATUS)[-1].wheel_slip
-    assert "/scan" in causes(driver)[0][1]
+    assert causes(driver) == [("stop", "/scan repeats an earlier turn")]
     driver.frozen = False
     driver.run(60.0)
     assert driver.results()[-1].error_code == 0
@@ -175,12 +175,15 @@ def with_depth(config: NavigationConfig | None = None) -> NodeDriver:
     return driver
 
 
-def drives(driver: NodeDriver, seconds: float, *, seeing: bool) -> float:
-    """The highest speed on the way."""
+NOTHING: Array = np.full(60, np.inf)
+
+
+def drives(driver: NodeDriver, seconds: float, *, seeing: bool, ranges_m: Array = NOTHING) -> float:
+    """The highest speed on the way, with a depth camera that sees such ranges."""
     begin = len(driver.log.commands)
     for _ in range(round(seconds * 20)):
         if seeing and driver.now_ns % PERIOD_NS == 0:
-            image = scan(driver.now_ns, np.full(60, np.inf, np.float32))
+            image = scan(driver.now_ns, ranges_m.astype(np.float32))
             image.header.frame_id = "camera_link"
             driver.deliver(DEPTH_SCAN, image)
         driver.step()
@@ -195,6 +198,18 @@ def test_without_the_depth_camera_that_was_there_the_robot_drives_slowly() -> No
     drives(driver, 2.0, seeing=False)
     assert causes(driver) == [("slowdown", "the depth camera is silent: low things are not seen")]
     assert 0.1 < drives(driver, 2.0, seeing=False) <= 0.23 + 1e-6
+    drives(driver, 0.5, seeing=True)
+    assert status(driver).stop_level == "none"
+
+
+def test_a_depth_camera_that_repeats_a_picture_is_told_apart_from_a_silent_one() -> None:
+    driver = with_depth()
+    driver.goal(LOCATIONS["location4"])
+    drives(driver, 1.0, seeing=True)
+    drives(driver, 2.5, seeing=True, ranges_m=np.linspace(0.5, 2.0, 60))
+    assert causes(driver) == [
+        ("slowdown", "the depth camera repeats a picture: low things are not seen")
+    ]
     drives(driver, 0.5, seeing=True)
     assert status(driver).stop_level == "none"
 

@@ -12,7 +12,7 @@ from mazebot.common.maths.frames import SE2
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.scan import Scan
 from mazebot.common.node.node import random_generator
-from mazebot.common.robot import wheel_slip
+from mazebot.common.robot import frozen_scans, wheel_slip
 from mazebot.localization.config import LocalizationConfig
 from mazebot.localization.monte_carlo import Localization
 
@@ -23,6 +23,7 @@ def compile_kernels(config: LocalizationConfig) -> None:
     a process, since what is compiled stays so.
     """
     wheel_slip.compile_kernels()
+    frozen_scans.compile_kernels()
     cells = np.zeros((60, 60), np.int8)
     cells[0] = cells[-1] = cells[:, 0] = cells[:, -1] = 100
     # Through a door out of the map: there, what a beam meets may be unknown.

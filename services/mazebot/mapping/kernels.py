@@ -12,7 +12,7 @@ from mazebot.common.maths import portable
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.scan import Scan
-from mazebot.common.robot import wheel_slip
+from mazebot.common.robot import frozen_scans, wheel_slip
 from mazebot.mapping.graph.sparse_cholesky import analyse, factorize
 from mazebot.mapping.loops.loop_search import loop_search, search_map
 from mazebot.mapping.matching.local_map import compacted
@@ -32,6 +32,7 @@ def compile_kernels(params: SlamParams) -> None:
     a process, since what is compiled stays so.
     """
     wheel_slip.compile_kernels()
+    frozen_scans.compile_kernels()
     slam = Slam(params, SE2(0.0, 0.0, 0.0))
     map_from_marker = msg.matrix_from_pose(
         msg.pose_from_se2(SE2(_ROOM_M / 2.0, 0.0, math.pi / 2.0), 0.3)

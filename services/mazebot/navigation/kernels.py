@@ -12,6 +12,7 @@ import numpy as np
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages.scan import Scan
 from mazebot.common.node.node import random_generator
+from mazebot.common.robot import frozen_scans
 from mazebot.navigation.behavior.actions import NavigateToPose
 from mazebot.navigation.behavior.bt_navigator import without_own_nodes
 from mazebot.navigation.behavior.context import PathCheck
@@ -63,6 +64,7 @@ def compile_kernels(config: NavigationConfig) -> None:
 @functools.cache
 def _compile_whatever_the_configuration() -> None:
     """What is compiled once stays so: a second navigation in the same process starts at once."""
+    frozen_scans.compile_kernels()
     compile_collision_kernels()
     run_planning_kernels()
     config = NavigationConfig()

@@ -106,6 +106,11 @@ class Measurements:
         frozen = self._frozen_depth if is_depth else self._frozen
         return frozen.is_frozen(scan, self.odom[1])
 
+    def does_scan_repeat(self, now_ns: int, timeout_s: float) -> bool:
+        """Whether the lidar still sends scans, of an earlier turn."""
+        frozen_ns = self._frozen.frozen_ns
+        return frozen_ns is not None and now_ns - frozen_ns <= timeout_s * 1e9
+
     def take_scan(self, scan: Scan) -> None:
         """Keep a scan's echoes, once odometry is known."""
         assert self.odom is not None
@@ -120,11 +125,17 @@ class Measurements:
         self._depth_ns = stamp_ns
 
     def is_depth_silent(self, now_ns: int) -> bool:
-        """Whether the depth camera, which was there, sends no more."""
-        if self._depth_ns is None:
-            return False
-        patience_ns = max(_SILENT_S * 1e9, _SILENT_PERIODS * self._depth_period_ns)
-        return now_ns - self._depth_ns > patience_ns
+        """Whether the depth camera, which was there, shows nothing new any more."""
+        return self._depth_ns is not None and now_ns - self._depth_ns > self._depth_patience_ns
+
+    def does_depth_repeat(self, now_ns: int) -> bool:
+        """Whether the depth camera still sends pictures, that show what an earlier one did."""
+        frozen_ns = self._frozen_depth.frozen_ns
+        return frozen_ns is not None and now_ns - frozen_ns <= self._depth_patience_ns
+
+    @property
+    def _depth_patience_ns(self) -> float:
+        return max(_SILENT_S * 1e9, _SILENT_PERIODS * self._depth_period_ns)
 
     def take_teleop(self, now_ns: int, command: Velocity) -> None:
         """Keep a teleoperation command."""

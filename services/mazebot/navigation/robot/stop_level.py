@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Final, Literal
 
 from mazebot.common.messages.documents import StopCause
+from mazebot.common.messages.topics import SCAN
 from mazebot.navigation.robot.measurements import Measurements
 
 StopLevel = Literal["none", "slowdown", "stop", "hold"]
@@ -44,20 +45,19 @@ def stop_causes(
         )
     elif not measured.lost:
         for topic in measured.too_old(now_ns, sensor_timeout_s):
-            causes.append(
-                StopCause(
-                    level="stop", cause=f"{topic} is older than {sensor_timeout_s:g} s",
-                    cleared_by=f"a message on {topic}",
-                )
-            )  # fmt: skip
+            if topic == SCAN.name and measured.does_scan_repeat(now_ns, sensor_timeout_s):
+                cause, cleared_by = f"{topic} repeats an earlier turn", "a turn that differs"
+            else:
+                cause = f"{topic} is older than {sensor_timeout_s:g} s"
+                cleared_by = f"a message on {topic}"
+            causes.append(StopCause(level="stop", cause=cause, cleared_by=cleared_by))
     if measured.is_depth_silent(now_ns):
-        causes.append(
-            StopCause(
-                level="slowdown",
-                cause="the depth camera is silent: low things are not seen",
-                cleared_by="its next picture",
-            )
-        )
+        if measured.does_depth_repeat(now_ns):
+            does, cleared_by = "repeats a picture", "a picture that differs"
+        else:
+            does, cleared_by = "is silent", "its next picture"
+        cause = f"the depth camera {does}: low things are not seen"
+        causes.append(StopCause(level="slowdown", cause=cause, cleared_by=cleared_by))
     return tuple(causes)
 
 
