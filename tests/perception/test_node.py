@@ -6,6 +6,7 @@ import functools
 import logging
 import math
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,12 +24,14 @@ from mazebot.common.maths.frames import (
     ODOM_FRAME,
     SE2,
     Array,
+    rotation_from_rpy,
     transform_matrix,
 )
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages import wire
 from mazebot.common.messages.action_documents import PhotoRequest
 from mazebot.common.messages.documents import Entities, MarkerEntity, Planar, World
+from mazebot.common.messages.scan import Mount, Scan
 from mazebot.common.messages.topics import (
     CAMERA_IMAGE,
     CAMERA_INFO,
@@ -170,10 +173,16 @@ class Bench:
         self.node.step(now_ns + 1, self.inbox, self.outbox)
         return [message for name, message in self.said if name == DETECTIONS.name]
 
-    def place(self, stamp_ns: int, odom_from_base: SE2, map_from_odom: SE2) -> None:
+    def place(
+        self,
+        stamp_ns: int,
+        odom_from_base: SE2,
+        map_from_odom: SE2,
+        base_from_camera: Array = BASE_FROM_CAMERA,
+    ) -> None:
         """The robot's frames, as physics and navigation say them."""
         lift = transform_matrix(np.eye(3), (0.0, 0.0, 0.01))
-        camera = np.linalg.inv(lift) @ BASE_FROM_CAMERA
+        camera = np.linalg.inv(lift) @ base_from_camera
         self.hear(TF_STATIC, tf(0, BASE_FOOTPRINT_FRAME, BASE_LINK_FRAME, lift))
         self.hear(TF_STATIC, tf(0, BASE_LINK_FRAME, CAMERA_OPTICAL_FRAME, camera))
         self.hear(TF, tf(stamp_ns, ODOM_FRAME, BASE_FOOTPRINT_FRAME, odom_from_base.matrix()))
@@ -574,10 +583,10 @@ def depth_image(stamp_ns: int, encoding: str = "32FC1") -> msg.Image:
     return msg.Image(header, HEIGHT, WIDTH, encoding, 0, step, data)
 
 
-def depth_bench() -> Bench:
+def depth_bench(base_from_camera: Array = BASE_FROM_CAMERA) -> Bench:
     made = bench()
-    made.place(0, SE2(0.0, 0.0, 0.0), SE2(0.0, 0.0, 0.0))
-    link = BASE_FROM_CAMERA @ np.linalg.inv(LINK_FROM_OPTICAL)
+    made.place(0, SE2(0.0, 0.0, 0.0), SE2(0.0, 0.0, 0.0), base_from_camera)
+    link = base_from_camera @ np.linalg.inv(LINK_FROM_OPTICAL)
     made.hear(TF_STATIC, tf(0, BASE_FOOTPRINT_FRAME, CAMERA_FRAME, link))
     made.hear(DEPTH_INFO, camera_info(0))
     return made
@@ -595,6 +604,35 @@ def test_a_depth_image_becomes_a_scan_in_the_next_step(encoding: str) -> None:
     assert scan.ranges[len(scan.ranges) // 2] == pytest.approx(1.0, abs=0.02)
     made.step(3 * PERIOD_NS)
     assert DEPTH_SCAN.name not in [name for name, _ in made.said]
+
+
+def test_the_scan_of_a_camera_on_its_head_has_the_angles_of_its_frame() -> None:
+    on_head = transform_matrix(rotation_from_rpy(math.pi, 0.0, 0.0), (0.07, 0.0, CAMERA_HEIGHT_M))
+    made = depth_bench(on_head @ LINK_FROM_OPTICAL)
+    # The picture's right half is on the robot's left.
+    picture = depth_image(0)
+    depths = np.array(picture.data).view(np.float32).reshape(HEIGHT, WIDTH)
+    depths[:, WIDTH // 2 :] = 2.0
+    made.hear(DEPTH_IMAGE, replace(picture, data=depths.reshape(-1).view(np.uint8)))
+    made.step(0)
+    made.step(PERIOD_NS)
+    (message,) = [message for name, message in made.said if name == DEPTH_SCAN.name]
+    scan = Scan.from_message(message, Mount.of(on_head))
+    y_m = scan.ranges_m * scan.directions()[:, 1]
+    assert scan.ranges_m[y_m > 0.05] == pytest.approx(2.0, abs=0.5)
+    assert scan.ranges_m[y_m < -0.05] == pytest.approx(1.0, abs=0.2)
+
+
+def test_a_camera_that_looks_elsewhere_is_told_once(caplog: pytest.LogCaptureFixture) -> None:
+    back = transform_matrix(rotation_from_rpy(0.0, 0.0, math.pi), (-0.2, 0.0, CAMERA_HEIGHT_M))
+    made = depth_bench(back @ LINK_FROM_OPTICAL)
+    with caplog.at_level(logging.WARNING):
+        for stamp_ns in range(3):
+            made.hear(DEPTH_IMAGE, depth_image(stamp_ns))
+            made.step(stamp_ns)
+    (told,) = caplog.messages
+    assert "does not see the floor ahead of the robot: low things are not avoided" in told
+    assert "180 degrees to the left" in told
 
 
 def test_depths_that_cannot_be_read_are_rejected() -> None:

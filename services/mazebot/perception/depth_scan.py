@@ -12,7 +12,7 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,12 @@ _MOST_EMPTY: Final = 1
 """Slots without a point within a thing: what is seen at a flat angle has a row in each second."""
 _COLUMN_STEP: Final = 2
 """Columns of the image from one that is used to the next."""
+_LEAST_AHEAD_M: Final = 0.4
+"""What comes into view nearer to the axle than this is met before the robot has stopped: it drives
+0.46 m/s, slows down by 1 m/s in a second, and its front is 0.07 m ahead.
+"""
+_VERTICAL: Final = 1e-3
+"""The level part of an axis that has no heading."""
 
 
 class DepthScanParams(Params):
@@ -73,6 +79,46 @@ class DepthScan:
     and its shortest depth: it is not known to be free.
     """
     range_max_m: float
+    """No floor is seen from here on: of a camera that looks down, less than the parameter."""
+
+
+def unseen_ahead(
+    size_px: tuple[int, int],
+    intrinsics: Array,
+    base_from_optical: Array,
+    yaw_rad: float,
+    params: DepthScanParams,
+) -> str:
+    """Where a camera looks that does not see the floor ahead of the robot; empty: it sees it.
+
+    Args:
+        size_px: width and height of its pictures.
+        intrinsics: (3, 3) of a pinhole without distortion, pixels.
+        base_from_optical: rigid (4, 4).
+        yaw_rad: heading of the camera in base_footprint.
+        params: see there.
+    """
+    floor = _floor(
+        *_rays(intrinsics, *size_px),
+        _level_rotation(base_from_optical, yaw_rad), float(base_from_optical[2, 3]),
+    )  # fmt: skip
+    sees = "no floor"
+    if floor is not None and floor.near_m < params.range_max_m:
+        far_m = min(floor.far_m, params.range_max_m)
+        right_rad, left_rad = portable.atan2(floor.right, 1.0), portable.atan2(floor.left, 1.0)
+        ahead = right_rad < -yaw_rad < left_rad
+        if ahead and float(base_from_optical[0, 3]) + far_m >= _LEAST_AHEAD_M:
+            return ""
+        sees = f"the floor there from {floor.near_m:.2f} to {far_m:.2f} m"
+    x, y, z = base_from_optical[:3, 2].tolist()
+    level = math.sqrt(x * x + y * y)
+    down_rad = portable.atan2(-z, level)
+    left_rad = portable.atan2(y, x) if level > _VERTICAL else 0.0
+    return (
+        f"it looks {round(math.degrees(down_rad))} degrees down and "
+        f"{round(math.degrees(left_rad))} degrees to the left, and sees {sees}; "
+        f"must see the floor at least up to {_LEAST_AHEAD_M:g} m ahead of the axle"
+    )
 
 
 def depth_scan(
@@ -92,28 +138,13 @@ def depth_scan(
         params: see there.
     """
     height, width = depth_m.shape
-    fx, fy, cx, cy = (float(intrinsics[at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2)))
-    c, s = portable.cos_sin(yaw_rad)
-    turned = portable.product(
-        np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]), base_from_optical[:3, :3]
-    )
-    rotation = np.ascontiguousarray(turned)
+    across, down = _rays(intrinsics, width, height)
+    rotation = _level_rotation(base_from_optical, yaw_rad)
     camera_m = float(base_from_optical[2, 3])
-    across: Array = ((np.arange(width) - cx) / fx).astype(np.float64)
-    down: Array = ((np.arange(height) - cy) / fy).astype(np.float64)
-    # The lowest row sees the floor nearest; its middle stands for it.
-    low = rotation[:, 0] * float(across[width // 2]) + rotation[:, 1] * ((height - 1 - cy) / fy)
-    low = low + rotation[:, 2]
-    if not (low[2] < 0.0 and low[0] > 0.0):
+    floor = _floor(across, down, rotation, camera_m)
+    if floor is None or floor.near_m >= params.range_max_m:
         return None
-    range_min_m = camera_m / -float(low[2]) * math.sqrt(float(low[0] * low[0] + low[1] * low[1]))
-    edges = [
-        (float(rotation[1, 0] * a + rotation[1, 2]), float(rotation[0, 0] * a + rotation[0, 2]))
-        for a in (float(across[0]), float(across[-1]))
-    ]
-    left, right = (edge[0] / max(edge[1], 1e-3) for edge in edges)
-    if range_min_m >= params.range_max_m or not left > right:
-        return None
+    left, right = floor.left, floor.right
     beams = params.beams
     slots = math.ceil(params.range_max_m / _SLOT_M) + 1
     by_tangent, reaches = np.empty(beams, np.float32), np.zeros(beams, np.float32)
@@ -127,8 +158,74 @@ def depth_scan(
     first, step, borders = _borders(right, left, beams)
     return DepthScan(
         *_by_angle(by_tangent, reaches, borders),
-        first + step / 2.0, step, range_min_m, params.range_max_m,
+        first + step / 2.0, step, floor.near_m, min(floor.far_m, params.range_max_m),
     )  # fmt: skip
+
+
+def _rays(intrinsics: Array, width: int, height: int) -> tuple[Array, Array]:
+    """(w,) x and (h,) y of the pixels' rays in the optical frame, at depth 1."""
+    fx, fy, cx, cy = (float(intrinsics[at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2)))
+    across: Array = ((np.arange(width) - cx) / fx).astype(np.float64)
+    down: Array = ((np.arange(height) - cy) / fy).astype(np.float64)
+    return across, down
+
+
+def _level_rotation(base_from_optical: Array, yaw_rad: float) -> Array:
+    """(3, 3) from the optical frame to a level one of this heading in base_footprint."""
+    c, s = portable.cos_sin(yaw_rad)
+    turned = portable.product(
+        np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]), base_from_optical[:3, :3]
+    )
+    return np.ascontiguousarray(turned)
+
+
+class _Floor(NamedTuple):
+    """What a picture shows of the floor, seen from above."""
+
+    near_m: float
+    far_m: float
+    """`inf`: up to the horizon."""
+    right: float
+    """Tangent of the bearing of its right border"""
+    left: float
+
+
+def _floor(across: Array, down: Array, rotation: Array, camera_m: float) -> _Floor | None:
+    """The floor before a camera, None where it sees none; arguments as for `_nearest`.
+
+    The camera may be mounted on its head or on its side. The picture's lowest side sees the floor
+    nearest, the one across from it farthest; their middles stand for them.
+    """
+    ends = (
+        (1, down[-1], down[0]), (1, down[0], down[-1]),
+        (0, across[-1], across[0]), (0, across[0], across[-1]),
+    )  # fmt: skip
+    axis, lowest, highest = min(
+        ends, key=lambda one: float(rotation[2, one[0]]) * math.copysign(1.0, one[1])
+    )
+    other, along = (0, across) if axis == 1 else (1, down)
+    middle = rotation[:, other] * float(along[len(along) // 2])
+    low, high = (middle + rotation[:, axis] * end + rotation[:, 2] for end in (lowest, highest))
+    is_level = bool(high[2] >= 0.0)
+    if not (low[2] < 0.0 and (is_level or high[0] > 0.0)):
+        return None
+    # At the height of the camera where it sees that far, else at the farthest floor.
+    border = rotation[:, 2] if is_level else rotation[:, axis] * highest + rotation[:, 2]
+    tangents = [
+        float(rotation[1, other] * end + border[1])
+        / max(float(rotation[0, other] * end + border[0]), 1e-3)
+        for end in (along[0], along[-1])
+    ]
+    if not min(tangents) < max(tangents):
+        return None
+    near_m = _reach_m(low, camera_m) if low[0] > 0.0 else 0.0
+    far_m = math.inf if is_level else _reach_m(high, camera_m)
+    return _Floor(near_m, far_m, min(tangents), max(tangents))
+
+
+def _reach_m(ray: Array, camera_m: float) -> float:
+    """Where a ray that goes down meets the floor, seen from above."""
+    return camera_m / -float(ray[2]) * math.sqrt(float(ray[0] * ray[0] + ray[1] * ray[1]))
 
 
 def compile_kernels() -> None:

@@ -19,11 +19,11 @@ from mazebot.common.maths.frames import (
     ODOM_FRAME,
     Array,
     pose_matrix,
-    se2_from_matrix,
 )
 from mazebot.common.maths.pose_history import PoseHistory
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.documents import Entities, MarkerEntity
+from mazebot.common.messages.scan import Mount
 from mazebot.common.messages.topics import (
     CAMERA_IMAGE,
     CAMERA_INFO,
@@ -45,7 +45,13 @@ from mazebot.common.node.frame_tree import FrameTree
 from mazebot.common.node.node import Inbox, Node, Outbox
 from mazebot.common.world.marker_picture import marker_count, own_dictionaries
 from mazebot.perception.config import PerceptionConfig
-from mazebot.perception.depth_scan import Depths, DepthScan, compile_kernels, depth_scan
+from mazebot.perception.depth_scan import (
+    Depths,
+    DepthScan,
+    compile_kernels,
+    depth_scan,
+    unseen_ahead,
+)
 from mazebot.perception.detect import dictionary_exists, grey_from_rgb
 from mazebot.perception.find import Findings, Found, MarkerFinder, Name
 from mazebot.perception.picture import png_from_rgb
@@ -90,9 +96,11 @@ class PerceptionNode(Node):
         self._config = config
         self._worker = ThreadPoolExecutor(1, "markers")
         self._search: _Search | None = None
-        self._depth: tuple[int, Future[DepthScan | None]] | None = None
-        """Stamp of a depth image, and the scan that is being made of it."""
+        self._depth: tuple[int, Mount, Future[DepthScan | None]] | None = None
+        """Stamp of a depth image, its camera's mount, and the scan that is being made of it."""
         self._depth_info: msg.CameraInfo | None = None
+        self._looks_elsewhere = ""
+        """Where the depth camera looks that does not see the floor ahead; empty: it does."""
         self._entities: Entities | None = None
         self._finder = MarkerFinder(config)
         self._dictionaries: dict[str, cv2.aruco.Dictionary] = {}
@@ -287,20 +295,31 @@ class PerceptionNode(Node):
         elif base_from_camera is not None and base_from_link is not None:
             self._publish_depth_scan(outbox)
             intrinsics = np.asarray(known.k, np.float64).reshape(3, 3)
-            yaw_rad = se2_from_matrix(base_from_link).yaw_rad
+            mount = Mount.of(base_from_link)
+            yaw_rad = mount.base_from_scan.yaw_rad
+            looks = unseen_ahead(
+                (known.width, known.height), intrinsics, base_from_camera, yaw_rad, config
+            )
+            if looks not in ("", self._looks_elsewhere):
+                _log.warning(
+                    "the camera does not see the floor ahead of the robot: low things are not "
+                    "avoided; %s",
+                    looks,
+                )
+            self._looks_elsewhere = looks
             scan = self._worker.submit(
                 lambda: depth_scan(_depths(image), intrinsics, base_from_camera, yaw_rad, config)
             )
-            self._depth = msg.ns_from_time(image.header.stamp), scan
+            self._depth = msg.ns_from_time(image.header.stamp), mount, scan
 
     def _publish_depth_scan(self, outbox: Outbox) -> None:
         """Publish the scan of the depth image before."""
         if self._depth is None:
             return
-        (stamp_ns, made), self._depth = self._depth, None
+        (stamp_ns, mount, made), self._depth = self._depth, None
         scan = made.result()
         if scan is not None:
-            outbox.put(DEPTH_SCAN, _scan_message(stamp_ns, scan))
+            outbox.put(DEPTH_SCAN, _scan_message(stamp_ns, mount, scan))
 
     def _take_info(self, info: msg.CameraInfo, inbox: Inbox) -> None:
         if not (info.k[0] > 0.0 and info.k[4] > 0.0 and info.k[8] == 1.0):
@@ -404,13 +423,13 @@ def _depths(image: msg.Image) -> Depths:
     return depth_m
 
 
-def _scan_message(stamp_ns: int, scan: DepthScan) -> msg.LaserScan:
-    last = len(scan.ranges_m) - 1
+def _scan_message(stamp_ns: int, mount: Mount, scan: DepthScan) -> msg.LaserScan:
+    last_rad = scan.angle_min_rad + (len(scan.ranges_m) - 1) * scan.angle_increment_rad
     return msg.LaserScan(
         header=msg.header(stamp_ns, CAMERA_FRAME),
-        angle_min=msg.float32(scan.angle_min_rad),
-        angle_max=msg.float32(scan.angle_min_rad + last * scan.angle_increment_rad),
-        angle_increment=msg.float32(scan.angle_increment_rad),
+        angle_min=msg.float32(mount.angle_rad(scan.angle_min_rad)),
+        angle_max=msg.float32(mount.angle_rad(last_rad)),
+        angle_increment=msg.float32(mount.angle_rad(scan.angle_increment_rad)),
         time_increment=0.0,
         scan_time=0.0,
         range_min=msg.float32(scan.range_min_m),

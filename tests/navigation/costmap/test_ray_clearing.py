@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -94,3 +95,16 @@ def test_a_ray_with_an_echo_clears_what_is_near_before_it(
     near = {(row, column) for row, column, step in steps if 2.0 * step * step_rad <= 1.0}
     assert before & near
     assert cells_of(layer) == before - near
+
+
+def test_a_ray_without_echo_clears_nothing_beyond_the_sensors_range() -> None:
+    layer = ObstacleLayer(ROWS, COLUMNS, ObstacleParams())
+    sensor = (50.1, 45.1, 0.1234567)
+    step_rad = 2.0 * math.pi / 360.0
+    seen = scan_of(np.full(360, 1.5, np.float32), 0.0, step_rad)
+    layer.update(seen, sensor, RESOLUTION_M, None, NOTHING_MOVES)
+    before = cells_of(layer)
+    short = replace(scan_of(np.full(360, np.inf, np.float32), 0.0, step_rad), range_max_m=1.0)
+    for _ in range(20):
+        layer.update(short, sensor, RESOLUTION_M, None, NOTHING_MOVES)
+    assert cells_of(layer) == before

@@ -184,7 +184,7 @@ class ObstacleLayer:
             float(max(scan.range_min_m, source.obstacle_min_range)),
             float(source.obstacle_max_range if source.marking else 0.0),
             float(max(scan.range_min_m, source.raytrace_min_range)),
-            float(max(source.raytrace_max_range, source.obstacle_max_range))
+            float(min(max(source.raytrace_max_range, source.obstacle_max_range), scan.range_max_m))
             if source.clearing else -1.0,
             bool(source.inf_is_valid),
             float(sensor[0]), float(sensor[1]), float(resolution_m), self._scans,
