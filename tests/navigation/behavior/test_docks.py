@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from mazebot.common.maths.frames import SE2, position_and_quaternion
+from mazebot.common.maths.frames import SE2, position_and_quaternion, rotation_from_rpy
 from mazebot.common.messages.documents import MarkerEntity
 from mazebot.common.messages.error_codes import ErrorCode
 from mazebot.navigation.behavior.docking.docks import CameraView, DockPlaces, Docks
@@ -72,12 +72,29 @@ def test_the_half_view_is_the_angle_to_the_nearer_edge_of_the_picture() -> None:
     assert back.half_view_rad(0.02) == 0.0
 
 
+def rolled(roll_rad: float) -> CameraView:
+    pose = BASE_FROM_CAMERA.copy()
+    pose[:3, :3] = rotation_from_rpy(roll_rad, 0.0, 0.0) @ pose[:3, :3]
+    return CameraView(pose, (FOCAL, FOCAL), (320.0, 240.0), (WIDTH, HEIGHT))
+
+
+@pytest.mark.parametrize(("degrees", "across"), [(90, HEIGHT), (180, WIDTH), (270, HEIGHT)])
+def test_the_half_view_of_a_camera_on_its_head_or_its_side(degrees: int, across: int) -> None:
+    seen_rad = rolled(math.radians(degrees)).half_view_rad(0.02)
+    assert seen_rad == pytest.approx(math.atan(0.48 * across / FOCAL))
+
+
 def test_a_camera_that_looks_away_never_sees_it_whole() -> None:
     down = BASE_FROM_CAMERA.copy()
     # The optical axis points at the floor.
     down[:3, 1], down[:3, 2] = (-1.0, 0.0, 0.0), (0.0, 0.0, -1.0)
     camera = CameraView(down, (FOCAL, FOCAL), (320.0, 240.0), (WIDTH, HEIGHT))
     assert camera.whole_view_m(0.25, 0.4, 0.02) == math.inf
+    docks = Docks()
+    docks.learn([marker(60, SE2(1.0, 2.0, 0.5))], camera)
+    with pytest.raises(NavigationError, match="does not look ahead at the height") as caught:
+        docks.by_name("60")
+    assert caught.value.code is ErrorCode.DOCK_NOT_VALID
 
 
 def test_a_dock_is_as_near_as_the_camera_allows_and_no_nearer_than_the_least() -> None:

@@ -5,10 +5,8 @@ it.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-
-import numpy as np
 
 from mazebot.common.maths import portable
 from mazebot.common.maths.frames import SE2, Array, pose_matrix
@@ -48,14 +46,11 @@ class CameraView:
                 here = portable.product(rotation.T, -at + (0.0, y_m, z_m))
                 # In the camera's frame, a corner at the distance d is at here + d * forward.
                 forward = rotation[0]
-                for axis in (0, 1):
-                    focal, centre = self.focal_px[axis], self.centre_px[axis]
-                    size = self.size_px[axis]
-                    before, after = centre - margin * size, (1.0 - margin) * size - centre
-                    for sign, room in ((-1.0, before), (1.0, after)):
-                        fixed = room * here[2] - sign * focal * here[axis]
-                        grows = room * forward[2] - sign * focal * forward[axis]
-                        limits.append((float(fixed), float(grows)))
+                for axis, sign, room in self._edges(margin):
+                    focal = self.focal_px[axis]
+                    fixed = room * here[2] - sign * focal * here[axis]
+                    grows = room * forward[2] - sign * focal * forward[axis]
+                    limits.append((float(fixed), float(grows)))
                 limits.append((float(here[2]), float(forward[2])))
         for fixed, grows in limits:
             if grows > 0.0:
@@ -64,15 +59,27 @@ class CameraView:
         return least_m if seen else math.inf
 
     def half_view_rad(self, margin: float) -> float:
-        """Angle from straight ahead to the nearer of the picture's left and right edge, less the
-        margin, a share of its width; 0 where the camera does not look ahead.
+        """Angle from straight ahead to where a level direction leaves the picture, whichever way
+        round the camera is mounted, less the margin, a share of its width and height; 0 where it
+        does not look ahead.
         """
-        least_rad = math.inf
-        for sign, u_px in ((1.0, margin * self.size_px[0]), (-1.0, (1 - margin) * self.size_px[0])):
-            ray = np.array([(u_px - self.centre_px[0]) / self.focal_px[0], 0.0, 1.0])
-            x, y, _ = portable.product(self.base_from_camera[:3, :3], ray).tolist()
-            least_rad = min(least_rad, sign * portable.atan2(y, x))
+        forward, left, _ = self.base_from_camera[:3, :3]
+        least_rad = math.pi
+        for axis, sign, room in self._edges(margin):
+            # A level direction is within an edge while ahead * cos + aside * sin >= 0.
+            ahead = float(room * forward[2] - sign * self.focal_px[axis] * forward[axis])
+            aside = float(room * left[2] - sign * self.focal_px[axis] * left[axis])
+            least_rad = min(least_rad, portable.atan2(ahead, abs(aside)))
         return max(least_rad, 0.0)
+
+    def _edges(self, margin: float) -> Iterator[tuple[int, float, float]]:
+        """Of each edge of the picture: the axis across it, its side, and how far it is from the
+        centre, in pixels.
+        """
+        for axis in (0, 1):
+            centre, size = self.centre_px[axis], self.size_px[axis]
+            yield axis, -1.0, centre - margin * size
+            yield axis, 1.0, (1.0 - margin) * size - centre
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,6 +161,11 @@ class Docks:
             raise ValueError("docking needs the camera: nothing received from it yet")
         places, height_m = self.places, marker.position_m[2]
         seen_m = camera.whole_view_m(height_m, marker.panel_side_m, places.picture_margin)
+        if math.isinf(seen_m):
+            raise ValueError(
+                f"the camera does not look ahead at the height of the marker, {height_m:.2f} m: it "
+                f"sees all of it, {marker.panel_side_m:.2f} m wide, from no distance"
+            )
         if seen_m > places.most_m:
             raise ValueError(
                 f"the camera sees the whole marker, {marker.panel_side_m:.2f} m wide at a height "
