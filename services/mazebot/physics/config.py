@@ -36,7 +36,8 @@ class PhysicsConfig(ServiceConfig):
     robot_model: str = Field(
         "turtlebot3_waffle",
         pattern=r"^[A-Za-z0-9_]+$",
-        description="folder of the robot's model in models/",
+        description="folder of the robot's model in models/; worlds' maps are made for a lidar "
+        f"{waffle.LIDAR_HEIGHT_M:g} m above the floor",
     )
     wheel_separation_m: float = Field(
         waffle.WHEEL_SEPARATION_M,

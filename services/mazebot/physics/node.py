@@ -85,6 +85,7 @@ from mazebot.physics.run_control import ControlRequest, RunControl
 from mazebot.physics.rviz_messages import EntityMarkers, WheelFrames
 from mazebot.physics.sensors import raycast
 from mazebot.physics.sensors.ground_truth import ground_truth, joint_states, mover_frames
+from mazebot.physics.sensors.lidar_height import seen_otherwise
 from mazebot.physics.simulation import STEP_S, Simulation
 
 _Report = Callable[[Simulation, int, Outbox], None]
@@ -145,12 +146,12 @@ class PhysicsNode(ClockNode):
         )
         self._renderer = make_renderer(kind, self._intrinsics, depth_range_m)
         self._darkroom = None if self._renderer is None else Darkroom(self._renderer)
+        self._lidar_m = float(self._model.transform(BASE_FOOTPRINT_FRAME, SCAN_FRAME)[2, 3])
         if depth_range_m is None or self._renderer is None:
-            lidar_m = self._model.transform(BASE_FOOTPRINT_FRAME, SCAN_FRAME)[2, 3]
             _log.info(
                 "No depth camera: the robot sees only what its lidar's plane meets, %.3f m above "
                 "the floor, and does not see low things, sills, table tops and glass",
-                lidar_m,
+                self._lidar_m,
             )
         self._timeout_ns = round(config.cmd_vel_timeout_s * 1e9)
         self._steps = 0
@@ -618,6 +619,9 @@ class PhysicsNode(ClockNode):
             *(start.x_m, start.y_m, start.yaw_rad),
         )
         _warn_of_rough(world.bodies, meshes)
+        otherwise = seen_otherwise(world, meshes, self._lidar_m)
+        if otherwise:
+            _log.warning("%s", otherwise)
         transforms = [
             msg.transform_stamped(now_ns, joint.parent, joint.child, joint.parent_from_child)
             for joint in self._model.fixed_joints()
