@@ -65,11 +65,12 @@ def write(
     increment_rad: float = 0.1,
     limits_m: Sequence[tuple[float, float]] = ((0.1, 9.0),),
     ranges_m: Array = RANGES_M,
+    pan: Sequence[Link] = (),
 ) -> Path:
     """A bag: a pose, 0.1 m further each and turned by 0.2, of what is fixed to the base that drives
     so, as odometry or as a moving transform, and a scan of each lidar at each stamp; each is logged
     1 ms after it, or BEGUN_NS and half a second a step if its stamp is 0. The limits of the scans
-    come in turn.
+    come in turn. Of `pan`, /tf has one at each stamp.
     """
     store = msg.TYPESTORE
     with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
@@ -100,6 +101,9 @@ def write(
             else:
                 moved = msg.transform_stamped(stamp_ns, *moving, pose)
                 put("/tf", "tf2_msgs/msg/TFMessage", log_ns, msg.TFMessage([moved]))
+            for link in pan[step : step + 1]:
+                there = msg.transform_stamped(stamp_ns, link.parent, link.child, link.matrix())
+                put("/tf", "tf2_msgs/msg/TFMessage", log_ns, msg.TFMessage([there]))
             for frame in frames:
                 sweep = msg.LaserScan(
                     msg.header(stamp_ns, frame), -1.0, 1.0, increment_rad, 0.0, 0.1,
@@ -297,6 +301,55 @@ def test_scans_of_two_lidars_with_one_stamp_are_both_used(tmp_path: Path) -> Non
 def test_a_lidar_in_the_robots_own_frame_is_at_its_centre(tmp_path: Path) -> None:
     log = read(write(tmp_path / "bag", (), frames=("base_link",)))
     assert scans_of(log)[0].base_from_scan == SE2(0.0, 0.0, 0.0)
+
+
+LATER_NS = range(STEP_NS, 21 * STEP_NS, STEP_NS)
+
+
+def panned(yaws_rad: Iterable[float], roll_rad: float = 0.0) -> list[Link]:
+    return [
+        Link("base_footprint", "base_scan", (0.1, 0.0, 0.2), (roll_rad, 0.0, yaw_rad))
+        for yaw_rad in yaws_rad
+    ]
+
+
+@pytest.mark.parametrize("yaws_rad", [np.linspace(0.5, -0.5, 20), [0.0] * 3 + [0.25] * 17])
+@pytest.mark.parametrize("roll_rad", [0.0, UPSIDE_DOWN])
+def test_a_lidar_that_moves_is_where_it_was_at_each_scan(
+    tmp_path: Path, yaws_rad: Sequence[float], roll_rad: float
+) -> None:
+    links = panned(yaws_rad, roll_rad)
+    log = read(write(tmp_path / "bag", (), pan=links, stamps_ns=LATER_NS))
+    for scan, link in zip(scans_of(log), links, strict=True):
+        np.testing.assert_allclose(hits_m(scan), by_hand_m([link]), atol=1e-6)
+    (remark,) = log.remarks()
+    assert remark.startswith(
+        f"the lidar 'base_scan' moves on the robot, from (0.10 m, 0.00 m, {yaws_rad[0]:.2f} rad) "
+        f"to (0.10 m, 0.00 m, {yaws_rad[-1]:.2f} rad)"
+    )
+
+
+def test_between_two_of_its_transforms_a_lidar_moves_evenly(tmp_path: Path) -> None:
+    pan = write(tmp_path / "pan", (), frames=(), pan=panned([0.0, 0.4]),
+                stamps_ns=[STEP_NS, 5 * STEP_NS])  # fmt: skip
+    scans = write(tmp_path / "scans", (), stamps_ns=range(STEP_NS, 8 * STEP_NS, STEP_NS))
+    log = read(put_together(tmp_path / "both", (pan, scans)))
+    yaws_rad = [one.base_from_scan.yaw_rad for one in scans_of(log)]
+    assert yaws_rad == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4, 0.4, 0.4], abs=2e-3)
+
+
+def test_a_lidar_that_trembles_is_fixed(tmp_path: Path) -> None:
+    log = read(write(tmp_path / "bag", (), pan=panned(0.0005 * np.arange(20)), stamps_ns=LATER_NS))
+    assert {one.base_from_scan.yaw_rad for one in scans_of(log)} == {0.0}
+    assert not log.remarks()
+
+
+def test_scans_of_when_a_lidar_that_nods_was_tilted_are_left_out(tmp_path: Path) -> None:
+    nodding = [*panned([0.0] * 15), *panned([0.0] * 5, 0.6)]
+    log = read(write(tmp_path / "bag", (), pan=nodding, stamps_ns=LATER_NS))
+    assert (log.scans, log.scans_tilted) == (15, 5)
+    with pytest.raises(ConfigError, match="'base_scan' is tilted by 34 degrees"):
+        read(write(tmp_path / "tilted", (), pan=[*panned([0.0], 0.6), *panned([0.1] * 19, 0.6)]))
 
 
 def test_a_place_that_is_not_known_is_told_with_the_one_that_is_taken(tmp_path: Path) -> None:

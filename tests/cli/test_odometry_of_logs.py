@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from mazebot.cli.app import app
+from mazebot.cli.logs.jumps import without_jumps
 from mazebot.cli.logs.log import Entry, Log, LoggedScan
 from mazebot.cli.logs.scale import check_scale, way_ratio
 from mazebot.cli.map import build
@@ -166,3 +168,63 @@ class TestGaps:
         log, _ = self.hall(missing_s, every_s)
         assert not log.gaps()
         assert not log.remarks()
+
+
+class TestJumps:
+    """Of odometry that has a pose each 50 ms."""
+
+    LOG = Path("run.mcap")
+
+    def way(self) -> list[SE2]:
+        """A curve at 1 m/s."""
+        turns_rad = 0.01 * np.arange(600)
+        ways = 0.05 * np.column_stack([np.cos(turns_rad), np.sin(turns_rad)])
+        return [
+            SE2(*place, turn)
+            for place, turn in zip(np.cumsum(ways, axis=0).tolist(), turns_rad, strict=True)
+        ]
+
+    def log(self, poses: list[SE2], step_s: float = STEP_S) -> Log:
+        return Log([Entry(round(i * step_s * 1e9), pose, None) for i, pose in enumerate(poses)])
+
+    def steps(self, log: Log) -> Array:
+        poses = [entry.odom_from_base for entry in log.entries if entry.odom_from_base]
+        return np.array([a.inverse() @ b for a, b in itertools.pairwise(poses)])
+
+    @pytest.mark.parametrize(
+        "jump", [SE2(1.5, 0.0, 0.0), SE2(-30.0, 7.0, 2.0), SE2(0.0, 0.0, math.pi)]
+    )
+    def test_the_way_goes_on_over_a_jump_as_before(self, jump: SE2) -> None:
+        way = self.way()
+        poses = [*way[:200], *(jump @ pose for pose in way[200:400]), *way[400:]]
+        log = without_jumps(self.LOG, self.log(poses))
+        np.testing.assert_allclose(self.steps(log), self.steps(self.log(way)), atol=1e-3)
+        assert [one.stamp_ns * 1e-9 for one in log.odometry_jumps] == pytest.approx([10.0, 20.0])
+        assert "jumps by" in log.remarks()[0]
+        assert "at 10.000 s" in log.remarks()[0]
+
+    def test_two_that_are_mixed_are_refused(self) -> None:
+        aside = SE2(3.0, -2.0, 0.7)
+        poses = [aside @ pose if i % 3 else pose for i, pose in enumerate(self.way())]
+        log = self.log(poses)
+        with pytest.raises(
+            ConfigError, match=r"run\.mcap: two odometries are mixed: \d+ of 600 po"
+        ):
+            without_jumps(self.LOG, log)
+        log.odometry_source, log.odometry_topics = "/odom, 'odom' to 'base_link'", ("/wheels",)
+        with pytest.raises(ConfigError, match=r"on /odom, .*: --odom-topic must be .* /wheels"):
+            without_jumps(self.LOG, log)
+
+    @pytest.mark.parametrize("unit", [1.0, 15.0, 1000.0])
+    def test_no_other_way_is_a_jump(self, unit: float) -> None:
+        """Of cars, in millimetres, told late, or with rounded times."""
+        way = [SE2(pose.x_m * unit, pose.y_m * unit, pose.yaw_rad) for pose in self.way()]
+        held = [way[i - i % 8] for i in range(len(way))]
+        stalled = [*way[:100], *[way[99]] * 9, *way[109:]]
+        rounded = self.log(way)
+        rounded.entries = [
+            Entry(round(one.stamp_ns, -9), one.odom_from_base, None) for one in rounded.entries
+        ]
+        rare = self.log([*way[:300], *(SE2(9.0, 0.0, 1.0) @ pose for pose in way[300:])], 1.0)
+        for log in (self.log(way), self.log(held), self.log(stalled), rounded, rare):
+            assert without_jumps(self.LOG, log) is log

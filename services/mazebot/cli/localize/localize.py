@@ -110,8 +110,7 @@ def localize(
     base_from_scan = None if lidar is None else SE2(*given_pose("--lidar", lidar))
     if draw is not None and not draw.parent.is_dir():
         raise ConfigError(f"--draw: {draw}: {draw.parent} is not a folder")
-    log = read_log(log_file, form, Topics(scan_topic, odom_topic))
-    log = log.with_odometry_scaled(odom_scale)
+    log = read_log(log_file, form, Topics(scan_topic, odom_topic), odom_scale)
     if draw is not None:
         refuse_inputs("--draw", (draw,))
     for remark in log.remarks():

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import sys
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,11 +13,19 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mazebot.cli.bags.bag import Bag, opened, problem_of
-from mazebot.cli.logs.frames import FixedFrames, last_part
-from mazebot.cli.logs.log import BASES, Entry, Log, LoggedScan, ScanForm, Topics
+from mazebot.cli.logs.frames import MOVES_M, MOVES_RAD, FixedFrames, Motion, last_part
+from mazebot.cli.logs.log import (
+    BASES,
+    Entry,
+    LidarMove,
+    Log,
+    LoggedScan,
+    ScanForm,
+    Topics,
+)
 from mazebot.cli.logs.stamps import Told, times_ns
 from mazebot.common.config import ConfigError
-from mazebot.common.maths.frames import SE2, Array, se2_from_matrix
+from mazebot.common.maths.frames import SE2, Array, se2_from_matrix, wrap_angle
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.scan import Mount
 from mazebot.common.problems import words
@@ -31,6 +40,8 @@ _AFTER_NS = 1_000
 class _Moved(NamedTuple):
     """A pose of odometry."""
 
+    parent: str
+    """The frame that it is in."""
     frame: str
     """Whose pose it is, as `child_frame_id` says."""
     odom_from_frame: Array
@@ -44,6 +55,8 @@ class _Places(NamedTuple):
     """By the frames of the scans."""
     frame_from_base: dict[str, Array | None]
     """By the frames of odometry."""
+    bases: dict[str, str]
+    """By the frames of the scans."""
 
     @property
     def are_known(self) -> bool:
@@ -127,13 +140,31 @@ def read(path: Path, form: ScanForm, topics: Topics) -> Log:
             raise ConfigError(_missing(path, bag, topics.scan, _SCAN, "--scan-topic"))
         if not found.odometry and not found.transforms:
             raise ConfigError(_missing(path, bag, topics.odom, _ODOMETRY, "--odom-topic"))
-        return _log(found, places, len(bag.moves_ns))
+        log = _log(path, found, places, len(bag.moves_ns))
+        ends = dict.fromkeys((told.says.parent, told.says.frame) for told in found.poses)
+        named = ", ".join(f"{parent!r:.60} to {child!r:.60}" for parent, child in ends)
+        return replace(
+            log,
+            odometry_source=f"{topics.odom if found.odometry else _MOVING}, {named}",
+            odometry_topics=tuple(sorted(bag.topics_of(_ODOMETRY) - {topics.odom})),
+        )
 
 
-def _log(found: _Found, places: _Places, set_back: int) -> Log:
+def _log(path: Path, found: _Found, places: _Places, set_back: int) -> Log:
     """`set_back`: how often the recorder's clock was."""
-    poses, mounts = found.poses, places.mounts
-    (pose_times_ns, scan_times_ns), stamps_set_back = times_ns((poses, found.scans))
+    poses = found.poses
+    moving = {
+        child: moves
+        for frame, base in places.bases.items()
+        for child, moves in found.frames.moving(frame, base).items()
+    }
+    (pose_times_ns, scan_times_ns, *moves_ns), stamps_set_back = times_ns(
+        (poses, found.scans, *moving.values())
+    )
+    motions = {
+        child: Motion(np.array(at_ns, np.int64), np.array([told.says for told in moves]))
+        for (child, moves), at_ns in zip(moving.items(), moves_ns, strict=True)
+    }
     moved = [_odom_from_base(told.says, places) for told in poses]
     entries = [
         Entry(time_ns, odom_from_base, None)
@@ -143,9 +174,11 @@ def _log(found: _Found, places: _Places, set_back: int) -> Log:
     left_out = len(poses) - len(entries)
     scans: list[LoggedScan] = [told.says for told in found.scans]
     apart_ns = _one_by_one(scan_times_ns, [scan.frame_id for scan in scans])
+    mounted = _mounted(path, found, places, scan_times_ns, motions)
     entries += [
-        Entry(time_ns, None, _mounted(scan, mounts[scan.frame_id]))
-        for time_ns, scan in zip(apart_ns, scans, strict=True)
+        Entry(time_ns, None, scan)
+        for time_ns, scan in zip(apart_ns, mounted, strict=True)
+        if scan is not None
     ]
     entries.sort(key=lambda entry: (entry.stamp_ns, entry.scan is not None))
     return Log(
@@ -156,7 +189,9 @@ def _log(found: _Found, places: _Places, set_back: int) -> Log:
         odometry_left_out=found.without_number + left_out,
         scans_left_out=found.without_direction,
         scans_without_limits=found.without_limits,
-        unplaced=tuple(frame for frame in found.lidars if mounts[frame] is None),
+        unplaced=tuple(frame for frame in found.lidars if places.mounts[frame] is None),
+        lidar_moves=_lidar_moves(mounted) if motions else (),
+        scans_tilted=mounted.count(None),
         odometry_of=tuple(
             frame
             for frame, frame_from_base in places.frame_from_base.items()
@@ -173,11 +208,17 @@ def _places(path: Path, found: _Found) -> _Places:
     moved = list(dict.fromkeys(told.says.frame for told in found.poses))
     bases = [base for frame in (*lidars, *moved) if (base := frames.base_of(frame))]
     base = (*bases, *moved, "")[0]
-    try:
-        mounts = {frame: frames.mount_of(frame, frames.base_of(frame) or base) for frame in lidars}
-    except ConfigError as error:
-        raise ConfigError(f"--log: {path}: {error}") from error
-    return _Places(mounts, {frame: frames.transform(frame, base) for frame in moved})
+    bases_of = {frame: frames.base_of(frame) or base for frame in lidars}
+    mounts = {}
+    for frame, its_base in bases_of.items():
+        try:
+            mounts[frame] = frames.mount_of(frame, its_base)
+        except ConfigError as error:
+            # Of one that moves, each scan tells.
+            if not frames.moving(frame, its_base):
+                raise ConfigError(f"--log: {path}: {error}") from error
+            mounts[frame] = Mount(SE2(0.0, 0.0, 0.0))
+    return _Places(mounts, {frame: frames.transform(frame, base) for frame in moved}, bases_of)
 
 
 def _odom_from_base(moved: _Moved, places: _Places) -> SE2:
@@ -194,15 +235,62 @@ def _is_finite(pose: SE2) -> bool:
     return all(map(math.isfinite, pose))
 
 
-def _mounted(scan: LoggedScan, mount: Mount | None) -> LoggedScan:
-    if mount is None:
-        return scan
+def _mounted(
+    path: Path,
+    found: _Found,
+    places: _Places,
+    times_ns: Sequence[int],
+    motions: Mapping[str, Motion],
+) -> list[LoggedScan | None]:
+    """The scans with their lidars' places at these times; None: it was tilted then."""
+    scans: list[LoggedScan] = [told.says for told in found.scans]
+    mounts = {frame: itertools.repeat(mount) for frame, mount in places.mounts.items()}
+    moved = {}
+    for frame, base in places.bases.items():
+        if not found.frames.moving(frame, base):
+            continue
+        own_ns = [at for at, scan in zip(times_ns, scans, strict=True) if scan.frame_id == frame]
+        at_ns = np.array(own_ns, np.int64)
+        try:
+            moved[frame] = iter(found.frames.mounts_at(frame, base, at_ns, motions))
+        except ConfigError as error:
+            raise ConfigError(f"--log: {path}: {error}") from error
+    mounted: list[LoggedScan | None] = []
+    for scan in scans:
+        mount = next(moved.get(scan.frame_id) or mounts[scan.frame_id])
+        if mount is not None:
+            mounted.append(_placed(scan, mount))
+        else:
+            mounted.append(None if scan.frame_id in moved else scan)
+    return mounted
+
+
+def _placed(scan: LoggedScan, mount: Mount) -> LoggedScan:
     return replace(
         scan,
         base_from_scan=mount.base_from_scan,
         angle_min_rad=mount.angle_rad(scan.angle_min_rad),
         angle_increment_rad=mount.angle_rad(scan.angle_increment_rad),
     )
+
+
+def _lidar_moves(scans: Sequence[LoggedScan | None]) -> tuple[LidarMove, ...]:
+    """Of the lidars that are not always at one place."""
+    places: dict[str, list[SE2]] = {}
+    for scan in scans:
+        if scan is not None and scan.base_from_scan is not None:
+            places.setdefault(scan.frame_id, []).append(scan.base_from_scan)
+
+    def away(first: SE2, other: SE2) -> float:
+        turned_rad = abs(wrap_angle(other.yaw_rad - first.yaw_rad))
+        return max(first.distance_m(other) / MOVES_M, turned_rad / MOVES_RAD)
+
+    moves = []
+    for frame, (first, *others) in sorted(places.items()):
+        farthest = max(others, key=lambda other: away(first, other), default=first)
+        if away(first, farthest) > 1.0:
+            moves.append(LidarMove(frame, first, farthest))
+    return tuple(moves)
 
 
 def _of_robot(
@@ -306,14 +394,18 @@ def _add_transforms(found: _Found, log_ns: int, message: Any, is_static: bool) -
                 continue
             stamp_ns = msg.ns_from_time(transform.header.stamp)
             poses = found.transforms.setdefault((parent, child), [])
-            poses.append(Told(log_ns, stamp_ns, _Moved(child, matrix)))
+            poses.append(Told(log_ns, stamp_ns, _Moved(parent, child, matrix)))
         else:
             # Where nothing latches, fixed transforms come again and again.
-            found.frames.fix_first(child, parent, matrix)
+            stamp_ns = msg.ns_from_time(transform.header.stamp)
+            found.frames.fix_first(child, parent, Told(log_ns, stamp_ns, matrix))
 
 
 def _add_pose(found: _Found, log_ns: int, message: Any) -> None:
-    moved = _Moved(message.child_frame_id.lstrip("/"), msg.matrix_from_pose(message.pose.pose))
+    parent, child = (
+        frame.lstrip("/") for frame in (message.header.frame_id, message.child_frame_id)
+    )
+    moved = _Moved(parent, child, msg.matrix_from_pose(message.pose.pose))
     if not _is_finite(se2_from_matrix(moved.odom_from_frame)):
         found.without_number += 1
         return

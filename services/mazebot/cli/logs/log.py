@@ -34,7 +34,7 @@ whatever is usual, after the last.
 """
 _GAP_MOVED_M, _GAP_TURNED_RAD = 0.1, 0.1
 """A robot that moved less was about there meanwhile."""
-_GAPS_SHOWN = 5
+_GAPS_SHOWN, _JUMPS_SHOWN = 5, 5
 
 
 @dataclass(frozen=True)
@@ -84,6 +84,24 @@ class Gap(NamedTuple):
     to_ns: int
 
 
+class OdometryJump(NamedTuple):
+    """A step of odometry that no robot makes: the way after it goes on from before it."""
+
+    stamp_ns: int
+    """Of the pose after it."""
+    way_m: float
+    turn_rad: float
+
+
+class LidarMove(NamedTuple):
+    """That a lidar is not always at one place of the robot."""
+
+    frame: str
+    first: SE2
+    farthest: SE2
+    """Of all its places, from the first one."""
+
+
 class Reach(NamedTuple):
     """How far a lidar sees, where that is far less than it states."""
 
@@ -126,10 +144,20 @@ class Log:
     """Of the lidars whose longest return counts as range_max."""
     unplaced: tuple[str, ...] = ()
     """Frames of lidars of which the log should say where they are, and does not."""
+    lidar_moves: tuple[LidarMove, ...] = ()
+    """Each scan of these lidars has the place of its own time."""
+    scans_tilted: int = 0
+    """Scans left out because their lidar, which moves, was tilted then."""
     odometry_of: tuple[str, ...] = ()
     """Frames, other than the base, whose poses odometry has, and the log does not say where on the
     robot they are.
     """
+    odometry_source: str = ""
+    """Topic and frames of a bag's odometry; empty: it is no bag."""
+    odometry_topics: tuple[str, ...] = ()
+    """The bag's other topics with odometry."""
+    odometry_jumps: tuple[OdometryJump, ...] = ()
+    """Steps that were taken out."""
 
     @property
     def scans(self) -> int:
@@ -197,6 +225,14 @@ class Log:
             )
         if len(gaps) > _GAPS_SHOWN:
             found.append(f"odometry has {len(gaps) - _GAPS_SHOWN} more gaps")
+        source = f" on {self.odometry_source}" if self.odometry_source else ""
+        for jump in self.odometry_jumps[:_JUMPS_SHOWN]:
+            found.append(
+                f"odometry{source} jumps by {jump.way_m:.2f} m and {jump.turn_rad:.2f} rad at "
+                f"{jump.stamp_ns * 1e-9:.3f} s, faster than a robot: taken to go on as before"
+            )
+        if len(self.odometry_jumps) > _JUMPS_SHOWN:
+            found.append(f"odometry has {len(self.odometry_jumps) - _JUMPS_SHOWN} more jumps")
         if self.retimed:
             found.append(
                 f"{self.retimed} of {self.scans} scans are not later than those before: they "
@@ -225,6 +261,16 @@ class Log:
             found.append(
                 f"{self.scans_without_limits} scans have a range_min or range_max that is not a "
                 "number, or a range_max that is not larger than range_min: left out"
+            )
+        for move in self.lidar_moves:
+            found.append(
+                f"the lidar {move.frame!r:.60} moves on the robot, from {_posed(move.first)} to "
+                f"{_posed(move.farthest)} and elsewhere: each scan is taken from where it was"
+            )
+        if self.scans_tilted:
+            found.append(
+                f"{self.scans_tilted} scans are of when the lidar was tilted: left out: it must be "
+                "level, or upside down"
             )
         if self.no_returns:
             found.append(self.no_returns)
@@ -297,6 +343,10 @@ def _scaled(entry: Entry, factor: float) -> Entry:
 
 def _named(frames: Iterable[str]) -> str:
     return ", ".join(f"{frame!r:.60}" for frame in frames)
+
+
+def _posed(pose: SE2) -> str:
+    return f"({pose.x_m:.2f} m, {pose.y_m:.2f} m, {pose.yaw_rad:.2f} rad)"
 
 
 def set_back_remark(count: int) -> str:

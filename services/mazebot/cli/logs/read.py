@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import IO, cast
 
 from mazebot.cli.logs import carmen, csv_file
+from mazebot.cli.logs.jumps import without_jumps
 from mazebot.cli.logs.log import Log, ScanForm, Topics
 from mazebot.cli.logs.reach import with_reach
 from mazebot.common.config import ConfigError
@@ -27,12 +28,16 @@ FORMATS = (
 )
 
 
-def read_log(path: Path, form: ScanForm, topics: Topics | None = None) -> Log:
-    """Read a log: a bag; CARMEN's lines or CSV, also gzipped.
+def read_log(
+    path: Path, form: ScanForm, topics: Topics | None = None, odom_scale: float = 1.0
+) -> Log:
+    """Read a log: a bag; CARMEN's lines or CSV, also gzipped. x and y of odometry are multiplied by
+    `odom_scale`, to be metres.
 
     Raises ConfigError with one line that names file, line or topic, and what is wrong.
     """
-    return with_reach(_within_a_turn(path, _read(path, form, topics or Topics())))
+    log = with_reach(_within_a_turn(path, _read(path, form, topics or Topics())))
+    return without_jumps(path, log if odom_scale == 1.0 else log.with_odometry_scaled(odom_scale))
 
 
 def _within_a_turn(path: Path, log: Log) -> Log:

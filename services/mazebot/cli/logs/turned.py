@@ -98,7 +98,9 @@ class _Pair(NamedTuple):
     a_m: Array
     b_m: Array
     """(n, 2) their points in the lidar's frame."""
-    base_from_scan: SE2
+    base_from_a: SE2
+    base_from_b: SE2
+    """Where the lidar was on the base."""
     a_from_b: SE2
     """How the base has moved, by odometry."""
 
@@ -115,10 +117,12 @@ def _pairs(log: Log, frame: str, base_from_scan: SE2 | None) -> list[_Pair]:
     pairs = []
     for i, j in found:
         first, second = scans[i][1], scans[j][1]
-        mount = base_from_scan or first.base_from_scan or BASE_FROM_SCAN
+        mounts = [
+            base_from_scan or scan.base_from_scan or BASE_FROM_SCAN for scan in (first, second)
+        ]
         a_m, b_m = _points(first), _points(second)
         if min(len(a_m), len(b_m)) >= _LEAST_POINTS:
-            pairs.append(_Pair(a_m, b_m, mount, SE2(*at[i]).inverse() @ SE2(*at[j])))
+            pairs.append(_Pair(a_m, b_m, mounts[0], mounts[1], SE2(*at[i]).inverse() @ SE2(*at[j])))
     return pairs
 
 
@@ -157,11 +161,13 @@ def _share(pair: _Pair, quarters: int, is_mirrored: bool) -> float:
     """Of the second scan's points, those at which the first has some too."""
     from scipy.spatial import KDTree  # noqa: PLC0415 - loaded for logs alone
 
-    x_m, y_m, yaw_rad = pair.base_from_scan
-    base_from_scan = SE2(x_m, y_m, yaw_rad + quarters * _QUARTER_RAD)
+    base_from_a, base_from_b = (
+        mount._replace(yaw_rad=mount.yaw_rad + quarters * _QUARTER_RAD)
+        for mount in (pair.base_from_a, pair.base_from_b)
+    )
     mirror = np.array([1.0, -1.0 if is_mirrored else 1.0])
-    a_m = _moved(base_from_scan, pair.a_m * mirror)
-    b_m = _moved(pair.a_from_b @ base_from_scan, pair.b_m * mirror)
+    a_m = _moved(base_from_a, pair.a_m * mirror)
+    b_m = _moved(pair.a_from_b @ base_from_b, pair.b_m * mirror)
     away_m, _ = KDTree(a_m).query(b_m, distance_upper_bound=_NEAR_M)
     return float(np.isfinite(away_m).mean())
 

@@ -103,8 +103,7 @@ def build(
     known = None if relations is None else read_relations(relations)
     slam_params = _params(params)
     say_first(f"reading {log_file}", as_json)
-    log = read_log(log_file, form, Topics(scan_topic, odom_topic))
-    log = log.with_odometry_scaled(odom_scale)
+    log = read_log(log_file, form, Topics(scan_topic, odom_topic), odom_scale)
     warn_of_guess(log_file, log)
     refuse_inputs("--out", (out / name for name in _FILES))
     if draw is not None:
