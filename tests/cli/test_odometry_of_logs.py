@@ -179,9 +179,9 @@ class TestJumps:
         """A curve at 1 m/s."""
         turns_rad = 0.01 * np.arange(600)
         ways = 0.05 * np.column_stack([np.cos(turns_rad), np.sin(turns_rad)])
+        places = np.cumsum(ways, axis=0).tolist()
         return [
-            SE2(*place, turn)
-            for place, turn in zip(np.cumsum(ways, axis=0).tolist(), turns_rad, strict=True)
+            SE2(x_m, y_m, turn) for (x_m, y_m), turn in zip(places, turns_rad.tolist(), strict=True)
         ]
 
     def log(self, poses: list[SE2], step_s: float = STEP_S) -> Log:
