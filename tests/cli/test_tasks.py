@@ -120,6 +120,8 @@ class Robot(Navigation):
         self.put(ACTION_RESULT, result)
 
     def _cancel(self, asked: CancelGoal) -> CancelGoalReply:
+        if not self.sent:
+            return super()._cancel(asked)
         self.cancelled.append(asked)
         self._end_action(status="canceled", error_code=9012, error_msg="canceled")
         return CancelGoalReply()
@@ -202,6 +204,18 @@ def test_the_nearest_marker_is_the_one_that_is_nearest_on_the_robots_map(robot: 
     assert dock_chosen(robot) == "far"
     robot.put(WORLD, world_of_map.model_copy(update={"mapped_markers": ()}))
     assert_one_line(run(robot, "dock"), "the robot knows no marker", "not among the markers")
+
+
+def test_waypoints_are_driven_to_without_standard_input(robot: Robot) -> None:
+    robot.result = None
+    words = f"waypoints hall --timeout 1 --connect {robot.endpoint} <&-"
+    done = subprocess.run(
+        ["sh", "-c", f"{sys.executable} -m mazebot.cli {words}"],
+        capture_output=True, text=True, check=False,
+        env={**os.environ, "MAZEBOT_PROGRESS": "false"},
+    )  # fmt: skip
+    assert done.stdout == "driving to 1 waypoint\n"
+    assert done.stderr == "error: waypoints: --timeout: 1 s: timed out: canceled\n"
 
 
 def test_a_refusal_has_its_code_and_the_nearest_free_pose(robot: Robot) -> None:
@@ -327,6 +341,24 @@ def test_ctrl_c_cancels_after_progress_in_one_line(robot: Robot) -> None:
     assert "\r\x1b[K1.5 s, 2.25 m left, 1 recoveries" in said
     assert "canceled: the robot stops" in said
     assert robot.cancelled == [CancelGoal(goal_id=robot.sent[-1].goal_id)]
+
+
+@pytest.mark.parametrize("output", ["unread", "full", "closed"])
+@pytest.mark.parametrize("words", ["goal 1 -0.5", "spin 12", "waypoints hall"])
+def test_output_that_ends_cancels_the_task(robot: Robot, words: str, output: str) -> None:
+    robot.result = None
+    read, write = os.pipe()
+    os.close(read)
+    redirected = {"unread": "", "full": "> /dev/full", "closed": ">&-"}[output]
+    command = f"{sys.executable} -m mazebot.cli {words} --connect {robot.endpoint} {redirected}"
+    done = subprocess.run(
+        ["sh", "-c", command], stdout=write, stderr=subprocess.PIPE, text=True, check=False,
+        env={**os.environ, "MAZEBOT_PROGRESS": "false"},
+    )  # fmt: skip
+    os.close(write)
+    assert done.stderr.startswith("error: standard output: ")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert len(robot.cancelled) == 1
 
 
 def test_the_robot_finds_itself_after_a_search(robot: Robot) -> None:

@@ -1,4 +1,4 @@
-"""What a command prints to, which may be closed, full, or for the letters of ASCII alone."""
+"""What a command reads and prints to: closed, full, or for the letters of ASCII alone."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ import io
 import os
 import sys
 from collections.abc import Iterable
-from typing import Any, TextIO, cast
+from typing import Any, Literal, TextIO, cast
 
-_STDOUT, _STDERR = 1, 2
+_STDIN, _STDOUT, _STDERR = 0, 1, 2
 
 
 class OutputError(OSError):
@@ -56,25 +56,27 @@ class _Output:
 
 def open_output() -> None:
     """Have `sys.stdout` and `sys.stderr` take any text. Where the first cannot be written, printing
-    raises OutputError; where the second cannot, there is nobody to tell.
+    raises OutputError; where the second cannot, there is nobody to tell. A `sys.stdin` that was
+    closed is empty.
     """
     # In this order the files get the numbers of the streams that were closed.
-    out = sys.stdout or _opened(_STDOUT, os.O_RDONLY)
-    err = sys.stderr or _opened(_STDERR, os.O_WRONLY)
+    sys.stdin = sys.stdin or _opened(_STDIN, os.O_RDONLY, "r")
+    out = sys.stdout or _opened(_STDOUT, os.O_RDONLY, "w")
+    err = sys.stderr or _opened(_STDERR, os.O_WRONLY, "w")
     if isinstance(out, io.TextIOWrapper):
         out.reconfigure(errors="replace")
     sys.stdout, sys.stderr = cast("Any", (_Output(out, True), _Output(err, False)))
 
 
-def _opened(number: int, mode: int) -> TextIO:
+def _opened(number: int, access: int, mode: Literal["r", "w"]) -> TextIO:
     """A stream that was closed: what is opened next must not get its number, and what is printed.
     Of the null device opened to read, writing to it fails as before.
     """
-    fd = os.open(os.devnull, mode)
+    fd = os.open(os.devnull, access)
     if fd != number:
         os.dup2(fd, number)
         os.close(fd)
-    return open(number, "w", encoding="utf-8", closefd=False)
+    return open(number, mode, encoding="utf-8", closefd=False)
 
 
 def finish_output() -> None:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, TypeVar
 
 from mazebot.cli.drive.progress import ProgressLine
+from mazebot.cli.output import OutputError
 from mazebot.cli.parsing.options import print_json
 from mazebot.cli.sim import PAUSED, stats_now
 from mazebot.common.client.actions import ActionClient, cancel_goal, rejection_text
@@ -97,7 +98,11 @@ def run_task(
 
 @contextlib.contextmanager
 def canceled_on_error(robot: Robot, goal: CancelGoal, line: ProgressLine) -> Iterator[None]:
-    """Cancels a goal where Ctrl-C or an error ends the context: the robot stops."""
+    """Cancels a goal where Ctrl-C or an error ends the context: the robot stops.
+
+    Raises OutputError where nobody reads standard output any more: a task that was canceled for
+    that has not succeeded.
+    """
     try:
         yield
     except KeyboardInterrupt:
@@ -107,9 +112,11 @@ def canceled_on_error(robot: Robot, goal: CancelGoal, line: ProgressLine) -> Ite
         raise
     except (ServiceGoneError, UnreachableError):
         raise
-    except ConfigError:
+    except BaseException as error:
         with contextlib.suppress(ConfigError):
             cancel_goal(robot, goal, PATIENCE_S)
+        if isinstance(error, BrokenPipeError):
+            raise OutputError("standard output: nobody reads it: the task is canceled") from error
         raise
 
 
