@@ -113,6 +113,21 @@ def test_the_patrol_reaches_every_location(tmp_path: Path) -> None:
     assert lines == [f"round 1: location{number}: SUCCEEDED" for number in (1, 2, 3, 4)]
 
 
+@pytest.mark.parametrize(("options", "words"), [
+    (("--rounds", "0"), "argument --rounds: '0': must be a whole number of at least 1"),
+    (("--world", "nope"), "error: world_name: 'nope': must be one of "),
+])  # fmt: skip
+def test_a_mistake_in_the_patrols_options_is_one_line(options: tuple[str, ...], words: str) -> None:
+    done = subprocess.run(
+        [sys.executable, EXAMPLES / "patrol.py", *options],
+        env={**os.environ, "PYTHONPATH": str(ROOT / "services"), "COLUMNS": "200"},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode != 0
+    assert words in done.stderr.splitlines()[-1]
+    assert "Traceback" not in done.stderr
+
+
 @pytest.mark.slow
 def test_the_gazebo_world_is_imported(tmp_path: Path) -> None:
     said = run(

@@ -17,7 +17,7 @@ import itertools
 import logging
 import os
 import uuid
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from enum import Enum
 from pathlib import Path
@@ -28,6 +28,7 @@ from pydantic import BaseModel, ValidationError
 from mazebot.common.client.actions import ActionClient, cancel_goal
 from mazebot.common.client.arguments import built, checks_arguments, refusal, taken
 from mazebot.common.client.robot import Robot, RobotError
+from mazebot.common.client.subscription import running_world
 from mazebot.common.client.user_messages import initial_pose as pose_message
 from mazebot.common.config import ConfigError, one_line
 from mazebot.common.maths.frames import SE2
@@ -77,6 +78,13 @@ PoseLike = msg.PoseStamped | Planar | SE2 | Sequence[float]
 _WATCH: tuple[Topic[Any], ...] = (
     AMCL_POSE, GLOBAL_COSTMAP, LOCAL_COSTMAP, NAVIGATION_STATUS, PHOTO, WORLD,
 )  # fmt: skip
+_AT_ONCE: Mapping[Topic[Any], str] = {WORLD: "the world", GLOBAL_COSTMAP: "the global costmap"}
+"""Of an active stack, on their way as soon as it is connected to."""
+_IN_TIME: Mapping[Topic[Any], str] = {
+    AMCL_POSE: "the robot's pose", LOCAL_COSTMAP: "the local costmap",
+}  # fmt: skip
+"""Sent as simulation time passes."""
+_PAUSED_TICKS = 10
 _TICK_S = 0.1
 """`isTaskComplete` lets this much time pass, as Nav2's does."""
 _NO_MAP, _BAD_MAP_DATA, _BAD_MAP_METADATA = 1, 2, 3
@@ -346,25 +354,36 @@ class Navigator:
         localizer: str = "amcl",
         timeout_s: SimulationTime = 60.0,
     ) -> None:
-        """Wait until the robot has a pose and takes goals.
+        """Wait until the robot has a pose and takes goals, and world and costmaps are here. What a
+        paused simulation does not send, pose and local costmap, is not waited for.
 
         Raises TimeoutError, with what it waits for; RobotError where the stack's router is lost.
         """
-        end_ns = self._robot.now_ns() + round(timeout_s * 1e9)
+        now_ns = self._robot.now_ns()
+        end_ns = now_ns + round(timeout_s * 1e9)
         if self._initial_pose is not None:
             self.setInitialPose(self._initial_pose)
-        for _ in itertools.count():
-            status = self._robot.latest(NAVIGATION_STATUS)
-            if status is not None and status.navigation_active:
-                return
-            if self._robot.now_ns() >= end_ns:
+        still = 0
+        while (what := self._missing(is_paused=still >= _PAUSED_TICKS)) is not None:
+            if now_ns >= end_ns:
                 # It tells where nothing could come.
                 self._robot.alive()
-                what = "the navigation service" if status is None else "localization"
                 raise TimeoutError(
                     f"waitUntilNav2Active: timed out after {timeout_s:g} s waiting for {what}"
                 )
             self._robot.wait(_TICK_S)
+            before_ns, now_ns = now_ns, self._robot.now_ns()
+            still = still + 1 if now_ns == before_ns else 0
+
+    def _missing(self, is_paused: bool) -> str | None:
+        """What of an active stack is not there, in words."""
+        status = self._robot.latest(NAVIGATION_STATUS)
+        if status is None:
+            return "the navigation service"
+        if not status.navigation_active:
+            return "localization"
+        awaited = _AT_ONCE if is_paused else _AT_ONCE | _IN_TIME
+        return next((awaited[one] for one in awaited if self._robot.latest(one) is None), None)
 
     def getPath(
         self, start: PoseLike | None, goal: PoseLike, planner_id: str = "", use_start: bool = False
@@ -495,9 +514,9 @@ class Navigator:
         return None if pose is None else msg.se2_from_pose(pose.pose.pose)
 
     def locations(self) -> dict[str, Location]:
-        """The named places of the world."""
-        world = self._any_robot.latest(WORLD)
-        return {} if world is None else {place.name: place for place in world.locations}
+        """The named places of the world. Raises RobotError where no world is received in time."""
+        world = self._any_robot.latest(WORLD) or running_world(self._robot, self._timeout_s)
+        return {place.name: place for place in world.locations}
 
     def destroyNode(self) -> None:
         """End the connection; a task continues."""
