@@ -17,7 +17,7 @@ import itertools
 import logging
 import os
 import uuid
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from enum import Enum
 from pathlib import Path
@@ -78,9 +78,9 @@ PoseLike = msg.PoseStamped | Planar | SE2 | Sequence[float]
 _WATCH: tuple[Topic[Any], ...] = (
     AMCL_POSE, GLOBAL_COSTMAP, LOCAL_COSTMAP, NAVIGATION_STATUS, PHOTO, WORLD,
 )  # fmt: skip
-_AT_ONCE: Mapping[Topic[Any], str] = {WORLD: "the world", GLOBAL_COSTMAP: "the global costmap"}
+_AT_ONCE: dict[Topic[Any], str] = {WORLD: "the world", GLOBAL_COSTMAP: "the global costmap"}
 """Of an active stack, on their way as soon as it is connected to."""
-_IN_TIME: Mapping[Topic[Any], str] = {
+_IN_TIME: dict[Topic[Any], str] = {
     AMCL_POSE: "the robot's pose", LOCAL_COSTMAP: "the local costmap",
 }  # fmt: skip
 """Sent as simulation time passes."""
