@@ -15,11 +15,13 @@ from mazebot.common.recordings.comparing.compare_runs import comparison_lines, r
 from mazebot.common.recordings.comparing.run_comparison import compare
 from mazebot.common.recordings.run_folder import DIGESTS, SUMMARY
 from mazebot.common.recordings.run_settings import settings_of
+from mazebot.common.recordings.wholeness import faults
 
 
 def diff_runs(directory: Path, first: str, second: str, as_json: bool = False) -> int:
     """Print the differences of two runs, by folder, name or `latest`, in settings and messages;
-    return 0 if all messages are the same, else 1.
+    return 0 if all messages are the same, else 1; also where the files of a run are cut, missing or
+    another run's.
 
     Raises ConfigError where one of them is not a run, or has no digests.
     """
@@ -29,7 +31,8 @@ def diff_runs(directory: Path, first: str, second: str, as_json: bool = False) -
         settings = [settings_of(folder) for folder in folders]
     except ConfigError as error:
         raise ConfigError(f"diff: {error}") from error
-    code = 1 if comparison.differences else 0
+    of_runs = [faults(folder) for folder in folders]
+    code = 1 if comparison.differences or any(of_runs) else 0
     runs = [run_at(folder) for folder in folders]
     still = [run is not None and run.state != "ended" for run in runs]
     if as_json:
@@ -39,13 +42,15 @@ def diff_runs(directory: Path, first: str, second: str, as_json: bool = False) -
             for name in dict.fromkeys((*one, *other))
             if one.get(name) != other.get(name)
         }
-        summary = {"same": not code, "settings": differing, "not_ended": still}
+        summary = {"same": not code, "settings": differing, "not_ended": still, "faults": of_runs}
         print_json(summary | dataclasses.asdict(comparison))
         return code
     lines = [*_setting_lines(*settings), *comparison_lines(comparison)]
     for which, open_still in zip(("first", "second"), still, strict=True):
         if open_still:
             lines.append(f"the {which} run has not ended, or its recorder was killed")
+    for which, of_run in zip(("first", "second"), of_runs, strict=True):
+        lines += [f"the {which} run is not whole: {fault}" for fault in of_run]
     sys.stdout.write("\n".join(lines) + "\n")
     return code
 

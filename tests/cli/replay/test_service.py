@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -173,12 +174,21 @@ def test_services_are_known_by_their_parameters_where_sources_are_random(
     assert replayed(folder, "navigation")["same"]
 
 
-def test_what_has_been_cut_off_is_replayed_to_its_end(run_folder: Path, tmp_path: Path) -> None:
-    data = (run_folder / "run.mcap").read_bytes()
-    folder = tmp_path / "cut"
-    folder.mkdir()
-    (folder / "run.mcap").write_bytes(data[:-1000])
-    assert replayed(folder, "navigation")["end_s"] > 1.0
+@pytest.mark.parametrize(("spoil", "words"), [
+    (lambda data: data[: len(data) // 2], "run.mcap is cut; "),
+    (lambda data: data[:-1000], "run.mcap is cut: "),
+])  # fmt: skip
+def test_what_has_been_cut_off_is_replayed_to_its_end_and_is_no_success(
+    run_folder: Path, tmp_path: Path, spoil: Callable[[bytes], bytes], words: str
+) -> None:
+    folder = shutil.copytree(run_folder, tmp_path / "cut")
+    (folder / "run.mcap").write_bytes(spoil((run_folder / "run.mcap").read_bytes()))
+    done = mazebot("replay", str(folder), "--service", "navigation", "--json")
+    assert done.stderr.startswith(f"warning: cut: {words}")
+    assert (done.returncode, done.stderr.count("\n")) == (1, 1)
+    told = json.loads(done.stdout)
+    assert told["end_s"] > 0.5
+    assert told["faults"][0] == "run.mcap is cut"
 
 
 def test_jpeg_pictures_are_unpacked_and_said_to_have_a_loss(

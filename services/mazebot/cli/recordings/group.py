@@ -140,10 +140,13 @@ def compare(
     ] = True,
     as_json: Json = False,
 ) -> None:  # fmt: skip
-    """Compare runs: the settings that differ, the figures, and the messages as `mazebot diff`."""
+    """Compare runs: the settings that differ, the figures, and the messages as `mazebot diff`.
+
+    The exit code is 1 where the files of a run are cut, missing or another run's.
+    """
     from mazebot.cli.recordings.tell import print_comparison  # noqa: PLC0415
 
-    print_comparison(folder_of(directory), names, messages, as_json)
+    raise typer.Exit(print_comparison(folder_of(directory), names, messages, as_json))
 
 
 @app.command()

@@ -13,6 +13,7 @@ from mazebot.common.config import ConfigError
 from mazebot.common.recordings.catalog import RecordingInfo, find_run
 from mazebot.common.recordings.figures import FIGURES, figure_text, figures_of
 from mazebot.common.recordings.run_settings import read_summary
+from mazebot.common.recordings.wholeness import faults
 
 _STATES = {"ended": "", "running": "running", "interrupted": "interrupted"}
 _MOST_TEXT = 60
@@ -64,7 +65,8 @@ def print_run(directory: Path, name: str, as_json: bool) -> None:
         figures = figures_of({})
     sizes = {name: (run.path / name).stat().st_size for name in run.files}
     if as_json:
-        print_json(info_row(run) | {"files": sizes, "figures": figures})
+        told = {"faults": faults(run.path), "files": sizes, "figures": figures}
+        print_json(info_row(run) | told)
         return
     lines = [
         ("name", run.name),
@@ -77,6 +79,7 @@ def print_run(directory: Path, name: str, as_json: bool) -> None:
         *((("exploration", run.exploration),) if run.exploration else ()),
         *((("problem", run.problem),) if run.problem else ()),
         *((("incomplete", run.gap),) if run.gap else ()),
+        *(("fault", fault) for fault in faults(run.path)),
         *((("tags", " ".join(run.tags)),) if run.tags else ()),
         *((("note", run.note),) if run.note else ()),
         *(
@@ -92,8 +95,9 @@ def print_run(directory: Path, name: str, as_json: bool) -> None:
     sys.stdout.write("".join(f"{title.ljust(width)}  {text}\n" for title, text in shown))
 
 
-def print_comparison(directory: Path, names: Sequence[str], messages: bool, as_json: bool) -> None:
-    """Print the differences of runs from the first one.
+def print_comparison(directory: Path, names: Sequence[str], messages: bool, as_json: bool) -> int:
+    """Print the differences of runs from the first one; returns 1 where the files of a run are cut,
+    missing or another run's, else 0.
 
     Raises ConfigError where there are fewer than two, one is no run, or a file cannot be read.
     """
@@ -108,11 +112,15 @@ def print_comparison(directory: Path, names: Sequence[str], messages: bool, as_j
         comparison = compare_runs(folders, messages)
     except ConfigError as error:
         raise ConfigError(f"{command}: {error}") from error
+    code = int(any(comparison.faults))
     if as_json:
         print_json(comparison.model_dump(mode="json"))
-        return
+        return code
     runs = comparison.runs
-    lacks = [", ".join(filter(None, (_STATES[run.state], run.gap))) for run in found]
+    lacks = [
+        ", ".join(filter(None, (_STATES[run.state], run.gap, *of_run)))
+        for run, of_run in zip(found, comparison.faults, strict=True)
+    ]
     print_table(
         ("runs", "", ""),
         [(f"({row + 1})", *told) for row, told in enumerate(zip(runs, lacks, strict=True))],
@@ -147,6 +155,7 @@ def print_comparison(directory: Path, names: Sequence[str], messages: bool, as_j
     for name, verdict in zip(runs[1:], comparison.messages, strict=False):
         sys.stdout.write(f"\n messages of {name} against {runs[0]}:\n")
         sys.stdout.write("".join(f"   {printable(line)}\n" for line in verdict.lines))
+    return code
 
 
 def _value_text(value: Any) -> str:

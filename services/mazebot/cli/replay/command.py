@@ -91,6 +91,7 @@ def replay(
     """Publish a recorded run on the bus, with its clock; or run one service against it.
 
     With --service the exit code is 0 if all its messages are as recorded, to the last bit, else 1.
+    Of a run whose files are cut, missing or another run's it is 1.
     """
     _check_use(
         service,
@@ -124,7 +125,8 @@ def replay(
         code = publish_recording(
             recording, connect, choice, span_ns, speed, loop, lockstep, compare, as_json
         )
-    raise typer.Exit(code)
+    # Of a part, neither "the same" nor its messages are what was asked for.
+    raise typer.Exit(code or int(bool(recording.faults)))
 
 
 def _warn(recording: Recording) -> None:
@@ -133,6 +135,11 @@ def _warn(recording: Recording) -> None:
         sys.stderr.write(
             f"warning: {recording.name} has a hole: {recording.gap}: neither a difference nor its "
             "absence proves anything\n"
+        )
+    if recording.faults:
+        sys.stderr.write(
+            f"warning: {recording.name}: {'; '.join(recording.faults)}: read as far as it goes, "
+            "with exit code 1\n"
         )
 
 

@@ -80,6 +80,7 @@ def _summary(
         "end_s": span_ns[1] * 1e-9,
         "pictures": recording.pictures,
         "gap": recording.gap,
+        "faults": list(recording.faults),
         "settings": {name: list(values) for name, values in settings.changed.items()},
         "left_out": recording.lines_of_unfit(),
         "rejected": rejected_lines(comparison, service),

@@ -11,10 +11,9 @@ from mazebot.common.recordings.catalog import LATEST, find_run, run_at
 from mazebot.common.recordings.mcap.mcap_records import McapError
 from mazebot.common.recordings.mcap.mcap_scan import scan
 from mazebot.common.recordings.run_folder import CONFIG, MESSAGES, SUMMARY, parts_of
+from mazebot.common.recordings.wholeness import ABOUT, faults_of_file, message_faults
 
 _MCAP = b"\x89MCAP"
-_OF_A_RUN = "mazebot"
-"""Name of a metadata record in the MCAP files of a run."""
 
 
 def open_recording(directory: Path, name: str, slam: bool = False) -> Recording:
@@ -46,6 +45,7 @@ def _open_folder(folder: Path, slam: bool) -> Recording:
         recording = open_run(folder.resolve().name, parts)
         run = run_at(folder)
         recording.gap = run.gap if run is not None else ""
+        recording.faults = message_faults(folder)
         return recording
     # Its libraries load only where there is a bag.
     from mazebot.cli.bags.bag import METADATA, is_bag  # noqa: PLC0415
@@ -76,6 +76,7 @@ def _open_file(path: Path, slam: bool) -> Recording:
         recording = open_run(path.stem, [path])
         run = run_at(path.parent) if path == path.parent / MESSAGES else None
         recording.gap = run.gap if run is not None else ""
+        recording.faults = faults_of_file(path)
         return recording
     from mazebot.cli.replay.reading.bag_messages import open_bag  # noqa: PLC0415
 
@@ -84,7 +85,7 @@ def _open_file(path: Path, slam: bool) -> Recording:
 
 def _is_run(path: Path) -> bool:
     try:
-        return _OF_A_RUN in scan(path).texts
+        return ABOUT in scan(path).texts
     except McapError as error:
         raise ConfigError(f"replay: {path}: must be an MCAP file: {error}") from error
     except OSError as error:

@@ -17,6 +17,7 @@ from mazebot.common.recordings.comparing.run_comparison import Comparison, Diffe
 from mazebot.common.recordings.figures import FIGURES, Direction, Figure, figures_of
 from mazebot.common.recordings.run_folder import DIGESTS
 from mazebot.common.recordings.run_settings import read_summary, settings_of
+from mazebot.common.recordings.wholeness import faults
 
 _CONTROL_RATE_HZ = CMD_VEL.rate_hz or 20.0
 _MOST_LINES = 12
@@ -56,6 +57,9 @@ class RunsComparison(Document):
     """Two or more runs side by side; the first is what the others are compared with."""
 
     runs: tuple[str, ...] = Field(description="names of their folders")
+    faults: tuple[tuple[str, ...], ...] = Field(
+        (), description="of each run: what its files lack, or have of another run"
+    )
     settings: tuple[SettingRow, ...] = Field(description="those that differ")
     figures: tuple[FigureRow, ...] = Field(description="those that at least one run has")
     messages: tuple[MessagesVerdict, ...] = Field(
@@ -73,6 +77,7 @@ def compare_runs(folders: Sequence[Path], messages: bool = True) -> RunsComparis
     rows = (_figure_row(figure, [run[figure.name] for run in figures]) for figure in FIGURES)
     return RunsComparison(
         runs=tuple(folder.resolve().name for folder in folders),
+        faults=tuple(map(faults, folders)),
         settings=tuple(_setting_rows(settings)),
         figures=tuple(row for row in rows if any(value is not None for value in row.values)),
         messages=tuple(_verdicts(folders)) if messages else (),

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from mazebot.common.recordings.mcap.mcap_messages import MADE_FROM, REPEATED
 from mazebot.common.recordings.mcap.mcap_records import Channel
-from mazebot.common.recordings.mcap.mcap_scan import scan
+from mazebot.common.recordings.mcap.mcap_scan import Contents, scan
 
 
 def by_origin(channels: Iterable[Channel], counts: Mapping[int, int]) -> Counter[str]:
@@ -26,9 +26,13 @@ def count_messages(parts: Iterable[Path]) -> Counter[str]:
     """
     counts: Counter[str] = Counter()
     for path in parts:
-        contents = scan(path)
-        repeated = contents.texts.get(REPEATED, {})
-        counts += by_origin(contents.channels, contents.counts) - Counter(
-            {name: int(count) for name, count in repeated.items()}
-        )
+        counts += counts_of(scan(path))
     return counts
+
+
+def counts_of(contents: Contents) -> Counter[str]:
+    """Messages of one file by topic, without those that it repeats of an earlier one."""
+    repeated = contents.texts.get(REPEATED, {})
+    return by_origin(contents.channels, contents.counts) - Counter(
+        {name: int(count) for name, count in repeated.items()}
+    )
