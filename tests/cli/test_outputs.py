@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 import trimesh
 
+from mazebot.common.files.root import ROOT
 from tests.cli.test_app import assert_one_line, mazebot
 from tests.cli.test_plan import house
 from tests.common.recordings.made_run import listed_run
@@ -49,6 +53,27 @@ def test_a_path_is_not_drawn_over_a_map(here: Path) -> None:
     for _ in range(2):
         # What the command has written itself, it writes again.
         assert mazebot("plan", "--map", chart, *places, "--draw", "path.png").returncode == 0
+
+
+def test_a_picture_that_finds_no_room_leaves_the_one_before(here: Path) -> None:
+    plan = f"plan --map {house(here)} --start=-0.2,-1 --goal=3,-1 --draw path.png"
+    assert mazebot(*plan.split()).returncode == 0
+    before = contents()
+    done = subprocess.run(
+        ["sh", "-c", f"ulimit -f 0; exec {sys.executable} -m mazebot.cli {plan}"],
+        capture_output=True, text=True, check=False,
+        env={**os.environ, "PYTHONPATH": str(ROOT / "services"), "MAZEBOT_PROGRESS": "false"},
+    )  # fmt: skip
+    assert done.stderr == "error: --draw: path.png: cannot be written: File too large\n"
+    assert done.returncode == 2
+    assert contents() == before
+    # A link is written through, and a device is no file to be replaced.
+    Path("link.png").symlink_to("path.png")
+    Path("null.png").symlink_to(os.devnull)
+    for name in ("link.png", "null.png"):
+        assert mazebot(*plan.replace("path.png", name).split()).returncode == 0
+        assert Path(name).is_symlink()
+    assert Path(os.devnull).is_char_device()
 
 
 def test_a_log_is_not_overwritten_by_the_map_that_is_made_of_it(here: Path) -> None:

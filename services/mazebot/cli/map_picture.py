@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mazebot.common.config import ConfigError
+from mazebot.common.files.folder_writing import write_file
 from mazebot.common.maths.frames import SE2
 
 _LONGEST_PX = 1600
@@ -63,6 +64,6 @@ class MapPicture:
         try:
             if not done:
                 raise OSError(0, "cannot be drawn")
-            path.write_bytes(data.tobytes())
+            write_file(path, data.tobytes())
         except OSError as error:
             raise ConfigError(f"--draw: {path}: {error.strerror}") from error

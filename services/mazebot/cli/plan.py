@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 import sys
 import time
@@ -16,6 +17,7 @@ from mazebot.cli.parsing.options import Json, print_json
 from mazebot.cli.parsing.outputs import refuse_inputs
 from mazebot.cli.parsing.poses import POSE, given_pose
 from mazebot.common.config import ConfigError
+from mazebot.common.files.folder_writing import write_file
 
 if TYPE_CHECKING:
     from mazebot.common.maths.frames import SE2
@@ -308,6 +310,8 @@ def _draw(
         dot(error.nearest_free.x_m, error.nearest_free.y_m, "orange")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        picture.save(file)
+        data = io.BytesIO()
+        picture.save(data, "PNG")
+        write_file(file, data.getvalue())
     except OSError as problem:
         raise ConfigError(f"--draw: {file}: cannot be written: {problem.strerror}") from problem

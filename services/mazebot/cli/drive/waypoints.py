@@ -11,6 +11,7 @@ import typer
 
 from mazebot.cli.parsing.options import ROUTER, Connect, Json
 from mazebot.common.config import ConfigError
+from mazebot.common.files.folder_writing import write_file
 
 if TYPE_CHECKING:
     from mazebot.common.client.robot import Robot
@@ -107,7 +108,7 @@ class _Album:
         file = self._folder / name
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
-            file.write_bytes(photo.data.tobytes())
+            write_file(file, photo.data.tobytes())
         except OSError as error:
             raise ConfigError(f"--photos: {file}: failed to write: {error.strerror}") from error
         return f"photo at waypoint {self.waypoint}: {file}"

@@ -20,6 +20,7 @@ from mazebot.cli.markers.markers_drawing import draw_markers
 from mazebot.cli.parsing.options import print_json
 from mazebot.cli.parsing.outputs import refuse_inputs
 from mazebot.common.config import ConfigError
+from mazebot.common.files.folder_writing import write_file
 from mazebot.common.files.images import ImageError, NotAnImageError, open_image
 from mazebot.common.files.reading import NotReadableError, read_limited
 from mazebot.common.maths.frames import position_and_quaternion
@@ -217,7 +218,7 @@ def _write_picture(file: Path, picture: Picture) -> None:
         done, data = cv2.imencode(file.suffix.lower(), picture)
         if not done:
             raise ConfigError(f"--draw: {file}: cannot be written in this format")
-        file.write_bytes(data.tobytes())
+        write_file(file, data.tobytes())
     except OSError as error:
         raise ConfigError(f"--draw: {file}: cannot be written: {error.strerror}") from error
 

@@ -41,10 +41,15 @@ def write_folder(
 
 
 def write_file(file: Path, data: bytes) -> None:
-    """Write a file atomically: on failure the previous one remains.
+    """Write a file atomically: on failure the previous one remains. What a link leads to is
+    replaced, not the link; a device or a pipe is written to.
 
     Raises OSError if it cannot be written.
     """
+    if file.exists() and not file.is_file():
+        file.write_bytes(data)
+        return
+    file = Path(os.path.realpath(file))
     descriptor, name = tempfile.mkstemp(prefix=f".{file.name}-", dir=file.parent)
     making = Path(name)
     try:
