@@ -13,9 +13,9 @@ from mazebot.common.config import ConfigError
 from mazebot.common.recordings.catalog import LATEST, find_run, run_at
 from mazebot.common.recordings.comparing.compare_runs import comparison_lines, read_run_digests
 from mazebot.common.recordings.comparing.run_comparison import compare
+from mazebot.common.recordings.comparing.wholeness import faults
 from mazebot.common.recordings.run_folder import DIGESTS, SUMMARY
 from mazebot.common.recordings.run_settings import settings_of
-from mazebot.common.recordings.wholeness import faults
 
 
 def diff_runs(directory: Path, first: str, second: str, as_json: bool = False) -> int:

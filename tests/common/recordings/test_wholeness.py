@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from mazebot.common.recordings.wholeness import faults, faults_of_file
+from mazebot.common.recordings.comparing.wholeness import faults, faults_of_file
 from tests.cli.test_app import mazebot
 from tests.common.recordings.made_run import made_run
 

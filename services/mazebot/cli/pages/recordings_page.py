@@ -119,7 +119,11 @@ _COMMANDS = (
         "lists the runs, newest first; `--world`, `--tag`, `--failed`, `--since 7d` choose some, "
         "`--sort error` sorts them. A summary that cannot be read is reported in its row",
     ),
-    ("info RUN", "prints the figures of a run, its changed settings and its files"),
+    (
+        "info RUN",
+        "prints the figures of a run, its changed settings and its files, and what these lack or "
+        "have of another run: a copy may be cut or mixed up",
+    ),
     ("view RUN", "shows a run in the browser, by default the newest one"),
     (
         "report RUN...",
@@ -129,7 +133,9 @@ _COMMANDS = (
     (
         "compare RUN RUN...",
         "prints the settings that differ, the figures of each run with their differences from the "
-        "first one's, and the result of [`mazebot diff`](simulation.md) for their messages",
+        "first one's, and the result of [`mazebot diff`](simulation.md) for their messages; "
+        "the exit code is 1 where the files of a run are cut, missing or another run's, as that of "
+        "`mazebot diff`",
     ),
     (
         "export --out FILE",

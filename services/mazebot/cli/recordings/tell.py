@@ -11,9 +11,9 @@ from mazebot.cli.parsing.options import print_json
 from mazebot.cli.recordings.printing import info_row, number_text, print_table, printable, size_text
 from mazebot.common.config import ConfigError
 from mazebot.common.recordings.catalog import RecordingInfo, find_run
+from mazebot.common.recordings.comparing.wholeness import faults
 from mazebot.common.recordings.figures import FIGURES, figure_text, figures_of
 from mazebot.common.recordings.run_settings import read_summary
-from mazebot.common.recordings.wholeness import faults
 
 _STATES = {"ended": "", "running": "running", "interrupted": "interrupted"}
 _MOST_TEXT = 60

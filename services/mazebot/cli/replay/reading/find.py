@@ -8,10 +8,10 @@ from mazebot.cli.replay.reading.recording import Recording
 from mazebot.common.config import ConfigError
 from mazebot.common.files.reading import NotReadableError, open_regular, reason
 from mazebot.common.recordings.catalog import LATEST, find_run, run_at
+from mazebot.common.recordings.comparing.wholeness import ABOUT, faults_of_file, message_faults
 from mazebot.common.recordings.mcap.mcap_records import McapError
 from mazebot.common.recordings.mcap.mcap_scan import scan
 from mazebot.common.recordings.run_folder import CONFIG, MESSAGES, SUMMARY, parts_of
-from mazebot.common.recordings.wholeness import ABOUT, faults_of_file, message_faults
 
 _MCAP = b"\x89MCAP"
 

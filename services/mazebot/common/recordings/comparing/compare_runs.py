@@ -14,10 +14,10 @@ from mazebot.common.messages.documents import Document, Finite
 from mazebot.common.messages.topics import CMD_VEL
 from mazebot.common.recordings.comparing.digests import DigestError, Digests, read_digests
 from mazebot.common.recordings.comparing.run_comparison import Comparison, Difference, compare
+from mazebot.common.recordings.comparing.wholeness import faults
 from mazebot.common.recordings.figures import FIGURES, Direction, Figure, figures_of
 from mazebot.common.recordings.run_folder import DIGESTS
 from mazebot.common.recordings.run_settings import read_summary, settings_of
-from mazebot.common.recordings.wholeness import faults
 
 _CONTROL_RATE_HZ = CMD_VEL.rate_hz or 20.0
 _MOST_LINES = 12
