@@ -51,6 +51,14 @@ def test_a_slit_that_the_robot_does_not_fit_through_is_none() -> None:
     assert len(find_frontiers(floor_of(opened(11)), 0.3)) == 1
 
 
+def test_a_gap_that_only_the_outline_fits_through_is_one() -> None:
+    for width in range(1, 13):
+        floor = floor_from(opened(width), RESOLUTION_M, ORIGIN, ROBOT, 0.24, 0.5, 0.153)
+        assert len(find_frontiers(floor, 0.3)) == (width >= 7)
+    closed = floor_from(ROOM, RESOLUTION_M, ORIGIN, ROBOT, 0.24, 0.5, 0.153)
+    assert closed.reachable_m2 == floor_of(ROOM).reachable_m2
+
+
 def test_a_gap_in_a_wall_behind_which_is_floor_is_none() -> None:
     cells = ROOM.copy()
     cells[10:20, 40] = -1

@@ -47,6 +47,26 @@ def test_it_sees_all_that_can_be_reached_and_drives_home() -> None:
     assert (stage.known[reach[2:-2, 2:-2]] == 0).mean() > 0.999
 
 
+def test_it_sees_what_lies_behind_a_gap_that_its_outline_fits_through() -> None:
+    rooms = TWO_ROOMS.copy()
+    # In the wall between the rooms, 0.40 m are left of the door.
+    rooms[68:80, 60:70] = 100
+    stage = Stage(rooms, HOME, CONFIG)
+    stage.run(120, "complete", "failed")
+    assert (stage.status.state, stage.status.seen_share) == ("complete", 1.0)
+    assert (stage.known[45:95, 75:125] == 0).all()
+
+
+def test_it_does_not_wait_for_long_for_what_a_view_point_does_not_show() -> None:
+    stage = Stage(TWO_ROOMS, HOME, CONFIG)
+    stage.run(10, "exploring")
+    for _ in range(30):
+        stage.step()
+    stage.range_m = 0.3
+    stage.run(60, "returning", "complete", "failed")
+    assert stage.status.state == "returning"
+
+
 def test_it_never_stops_before_the_end() -> None:
     stage = Stage(TWO_ROOMS, HOME, CONFIG)
     stood = 0
@@ -202,6 +222,31 @@ def test_it_fails_where_there_is_no_way_home() -> None:
     stage.run(120, "complete", "failed")
     assert stage.status.state == "failed"
     assert stage.status.reason == "failed to return home: error 208: no way"
+
+
+def test_it_ends_before_a_home_that_it_may_not_drive_to() -> None:
+    stage = Stage(TWO_ROOMS, HOME, CONFIG)
+    stage.refuses = lambda goal: 206 if goal.distance_m(HOME) < 0.8 else 0
+    stage.run(120, "complete", "failed")
+    assert stage.status.state == "complete"
+    assert stage.status.reason.endswith("could not return home: no way")
+    assert 0.7 < stage.robot.distance_m(HOME) < 1.3
+
+
+def test_it_goes_home_where_the_map_shows_no_floor() -> None:
+    stage = Stage(TWO_ROOMS, HOME, CONFIG)
+    stage.run(10, "exploring")
+    stage.step()
+    seen = stage.status.seen_share
+    # In the closed room, of which nothing is known.
+    stage.robot, stage.stuck = SE2(5.8, 1.0, 0.0), True
+    stage.truth = np.full_like(TWO_ROOMS, -1)
+    stage.run(60, "returning", "failed")
+    assert (stage.status.state, stage.status.seen_share) == ("returning", seen)
+    assert stage.status.reason.startswith("stopped at (5.80, 1.00), where the map shows no floor")
+    stage.robot, stage.stuck, stage.truth = SE2(2.25, 2.25, 0.0), False, TWO_ROOMS
+    stage.run(200, "complete", "failed")
+    assert (stage.status.state, stage.status.reason) == ("complete", "no reachable frontiers left")
 
 
 def test_it_fails_where_the_robot_is_lost() -> None:

@@ -58,6 +58,8 @@ class Stage:
         self.refuses: Any = None
         """Called with each goal; an error code of a refused one, else 0."""
         self.stuck = False
+        self.range_m = RANGE_M
+        """How far the lidar really sees."""
         self.localized = True
         self.navigation: dict[str, Any] = {}
         """Other fields of navigation's status."""
@@ -109,7 +111,7 @@ class Stage:
         """0.1 s: the lidar sees, the map comes once a second, the robot drives 10 cm."""
         self.now_ns += STEP_PERIOD_NS
         row, column = self.robot.y_m / RESOLUTION_M - 0.5, self.robot.x_m / RESOLUTION_M - 0.5
-        reveal(self.truth, row, column, RANGE_M / RESOLUTION_M, 360, self.known)
+        reveal(self.truth, row, column, self.range_m / RESOLUTION_M, 360, self.known)
         if self.now_ns % 1_000_000_000 == STEP_PERIOD_NS:
             origin = SE2(0.0, 0.0, 0.0)
             grid = msg.occupancy_grid(self.now_ns, RESOLUTION_M, origin, self.known.copy())
@@ -132,7 +134,7 @@ class Stage:
         if self.goal is None or self.stuck:
             return
         origin = SE2(0.0, 0.0, 0.0)
-        floor = floor_from(self.known, RESOLUTION_M, origin, self.robot, 0.24, 0.5)
+        floor = floor_from(self.known, RESOLUTION_M, origin, self.robot, 0.24, 0.5, 0.153)
         start = floor.coarse_index(self.robot.x_m, self.robot.y_m)
         end = floor.coarse_index(self.goal[1].x_m, self.goal[1].y_m)
         assert start is not None

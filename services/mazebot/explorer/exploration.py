@@ -74,13 +74,16 @@ class Survey:
     distances: Distances
     """Costs of the ways from the robot to the coarse cells."""
     parents: Distances
+    gaps: bool
+    """Whether the floor is that to which the robot fits through gaps; else that of its circle."""
 
 
 def survey(
     params: ExplorerParams, cells: Cells, resolution_m: float, origin: SE2, robot: SE2, home: SE2,
     before: Survey | None = None, set_aside_m: list[tuple[float, float]] | None = None,
 ) -> Survey:  # fmt: skip
-    """What is to be seen from where the robot is.
+    """What is to be seen from where the robot is: on the floor of its circle; once nothing is left
+    there, also behind gaps that its outline fits through.
 
     Args:
         params: see ExplorerParams.
@@ -92,12 +95,28 @@ def survey(
         before: the survey before this one.
         set_aside_m: (x, y) of targets that are not to be driven to.
     """
+    args = (params, cells, resolution_m, origin, robot, home, before, set_aside_m or [])
+    if before is not None and before.gaps:
+        return _survey(*args, gaps=True)
+    seen = _survey(*args, gaps=False)
+    if seen.points or params.inscribed_radius >= params.robot_radius:
+        return seen
+    behind = _survey(*args, gaps=True)
+    return behind if behind.points or behind.aside or seen.robot is None else seen
+
+
+def _survey(
+    params: ExplorerParams, cells: Cells, resolution_m: float, origin: SE2, robot: SE2, home: SE2,
+    before: Survey | None, set_aside_m: list[tuple[float, float]], *, gaps: bool,
+) -> Survey:  # fmt: skip
     floor = floor_from(
-        cells, resolution_m, origin, robot, params.robot_radius, params.start_tolerance
-    )
+        cells, resolution_m, origin, robot, params.robot_radius, params.start_tolerance,
+        params.inscribed_radius if gaps else None,
+    )  # fmt: skip
     index = floor.coarse_index(robot.x_m, robot.y_m)
     if index is None:
-        return Survey(floor, [], [], [], [], [], [], [], None, floor.prices, np.empty(0, np.int32))
+        none = np.empty(0, np.int32)
+        return Survey(floor, [], [], [], [], [], [], [], None, floor.prices, none, gaps)
     distances, parents = search(floor.prices, index)
     frontiers = find_frontiers(floor, params.min_frontier_size)
     range_m = params.max_range - _SEEN_BEFORE_M
@@ -107,7 +126,7 @@ def survey(
     points, unseen, vain = view_points(
         floor, (row, column), distances, frontiers, params.view_clearance, range_m, vain
     )
-    limits, set_aside_m = Limits(params, floor, home), set_aside_m or []
+    limits = Limits(params, floor, home)
 
     def is_aside(part: Part) -> bool:
         here = floor.center(*part.middle())
@@ -117,7 +136,7 @@ def survey(
     points, far = _without(points, limits.is_far)
     points, aside = _without(points, is_aside)
     return Survey(
-        floor, frontiers, points, unseen, aside, open_, far, vain, index, distances, parents
+        floor, frontiers, points, unseen, aside, open_, far, vain, index, distances, parents, gaps
     )
 
 
@@ -197,6 +216,11 @@ def aim(params: ExplorerParams, seen: Survey, home: SE2, current: Aim | None) ->
     return replace(chosen, left_m=(*current.left_m, current.target_m))
 
 
+def is_left(seen: Survey, current: Aim) -> bool:
+    """Whether there is a view point for what a goal is for."""
+    return _same(seen, current) is not None
+
+
 def still(seen: Survey, current: Aim) -> Aim:
     """A goal as it was, with the length of the way that is left."""
     index = seen.floor.coarse_index(current.pose.x_m, current.pose.y_m)
@@ -250,12 +274,17 @@ def _aim_at(seen: Survey, point: ViewPoint) -> Aim:
     # Not back towards the robot.
     onward = seen.distances.reshape(-1) >= point.cost
     near = np.flatnonzero((distances.reshape(-1) < FAR) & onward)
+    # In a gap the robot could not turn; what is seen only from there is come as near to as it may.
+    clearances = floor.coarse_clearance_m.reshape(-1)
+    in_gap = clearances[point.index] <= floor.radius_m
+    if not in_gap:
+        near = near[clearances[near] > floor.radius_m]
     places = [floor.stand(int(index)) for index in near]
     centers = np.array([floor.center(*place) for place in places])
     room = np.array([floor.room_m[place] for place in places])
     away = portable.hypot_each(centers[:, 0] - target[0], centers[:, 1] - target[1])
     # Not at a wall, nor where one may come into sight, only because it is a little nearer.
-    tight = np.maximum(_ROOM_M - room, 0.0) * 5.0
+    tight = 0.0 if in_gap else np.maximum(_ROOM_M - room, 0.0) * 5.0
     best = int(np.argmin(away + tight))
     cells = way(seen.parents, point.index) + way(parents, int(near[best]))[1:]
     end = centers[best]

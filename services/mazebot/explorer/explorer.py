@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages.error_codes import ErrorCode
 from mazebot.common.messages.slam_documents import ExplorationStatus, PlaceSetAside
 from mazebot.common.world.costmap import Cells
-from mazebot.explorer.exploration import Aim, Survey, aim, still, survey
+from mazebot.explorer.exploration import Aim, Survey, aim, is_left, still, survey
 from mazebot.explorer.frontiers import guessed_m2
 from mazebot.explorer.params import ExplorerParams
+from mazebot.explorer.paths import way
 from mazebot.explorer.set_aside import SetAside
+from mazebot.explorer.view_points import nearer
 
 _LOG = logging.getLogger("explorer")
 
@@ -34,6 +37,8 @@ _RESEND_NS = 2_000_000_000
 _TELL_NS = 30_000_000_000
 """Progress is logged so often."""
 _HOME_TRIES = 3
+_BEFORE_HOME_M = 0.25
+"""Where the start may not be driven to, the way home ends so much before it, or twice as much..."""
 _REFUSALS = 3
 """A place is set aside when so many goals for it were refused because something stands there."""
 _NOT_OUR_FAULT = (ErrorCode.PREEMPTED, ErrorCode.CANCELED, ErrorCode.WORLD_RESTARTED)
@@ -80,8 +85,6 @@ class Explorer:
         """The map as it was looked at last."""
         self.aim: Aim | None = None
         self._map: MapSoFar | None = None
-        self._map_ns = 0
-        """When the newest map came."""
         self._robot: SE2 | None = None
         self._sent: _Sent | None = None
         self._own_ns: tuple[int, ...] = ()
@@ -107,6 +110,10 @@ class Explorer:
         self._furthest_m = 0.0
         """From the start, where the robot has been."""
         self._home_failures = 0
+        self._end_pose = home
+        """Where the way home ends."""
+        self._not_home = ""
+        """Why that is not the start."""
         self._refusals = 0
         """Goals for the current aim at which something stands."""
 
@@ -121,9 +128,9 @@ class Explorer:
         self.explored_ns = round(kept.explored_s * 1e9)
         self._aside.restore((place.x_m, place.y_m, place.tries) for place in kept.places_set_aside)
 
-    def take_map(self, now_ns: int, grid: MapSoFar) -> None:
+    def take_map(self, grid: MapSoFar) -> None:
         """The map as it is now."""
-        self._map, self._map_ns, self._fresh = grid, now_ns, True
+        self._map, self._fresh = grid, True
 
     def take_pose(self, map_from_base: SE2) -> None:
         """The robot's pose in the map."""
@@ -158,6 +165,7 @@ class Explorer:
         self._sent = self.aim = self._nothing_ns = self._reached_ns = self._looked_ns = None
         self.explored_ns = 0
         self._home_failures = 0
+        self._end_pose, self._not_home = self._home, ""
 
     @property
     def reachable(self) -> int:
@@ -224,7 +232,7 @@ class Explorer:
         if self._due(now_ns):
             self._look(now_ns)
         if self.state == "returning":
-            return self._send(now_ns, self._home, None)
+            return self._send(now_ns, self._end_pose, None)
         if self.state != "exploring" or self.aim is None:
             return None
         return self._send(now_ns, self.aim.pose, self.aim)
@@ -251,14 +259,14 @@ class Explorer:
         assert robot is not None
         self._looked_ns, self._fresh = now_ns, False
         aside = self._aside
-        args = (params, grid.cells, grid.resolution_m, grid.origin, robot, self._home, self.seen)
-        seen = survey(*args, aside.targets_m())
+        args = (params, grid.cells, grid.resolution_m, grid.origin, robot, self._home)
+        seen = survey(*args, self.seen, aside.targets_m())
         if aside.look(seen.floor):
-            seen = survey(*args, aside.targets_m())
-        self.seen = seen
+            seen = survey(*args, self.seen, aside.targets_m())
         if seen.robot is None:
             self._wait_for_floor(now_ns)
             return
+        self.seen = seen
         if self._is_enough():
             return
         current = self.aim
@@ -282,10 +290,34 @@ class Explorer:
         self.aim = chosen
         if chosen.way_m < self._least_m - _NEARER_M:
             self._least_m, self._progress_ns = chosen.way_m, now_ns
-        if self._reached_ns is not None and self._map_ns >= self._reached_ns + _SEE_NS:
-            self._set_aside(now_ns, "not visible from its view point")
+        if self._reached_ns is not None and now_ns >= self._reached_ns + _SEE_NS:
+            self._come_nearer(now_ns, chosen)
         elif now_ns - self._progress_ns > params.progress_timeout * 1e9:
             self._set_aside(now_ns, f"no progress for {params.progress_timeout:.0f} s")
+
+    def _come_nearer(self, now_ns: int, current: Aim) -> None:
+        """Look from nearer at what the view point has not shown; else set it aside."""
+        grid, robot, seen = self._map, self._robot, self.seen
+        assert grid is not None
+        assert robot is not None
+        assert seen is not None
+        args = (self._params, grid.cells, grid.resolution_m, grid.origin, robot, self._home)
+        reach_m = float("inf")
+        while True:
+            vain = nearer(seen.vain, current.target_m, robot[:2])
+            if vain[-1].reach_m >= reach_m:
+                break
+            reach_m = vain[-1].reach_m
+            seen = survey(*args, replace(seen, vain=vain), self._aside.targets_m())
+            following = (
+                aim(self._params, seen, self._home, current) if is_left(seen, current) else None
+            )
+            if following is None:
+                break
+            if following.pose.distance_m(current.pose) >= _MOVED_M:
+                self.seen, self.aim = seen, following
+                return
+        self._set_aside(now_ns, "not visible from its view point")
 
     def _tell(self, now_ns: int) -> None:
         if now_ns - self._told_ns >= _TELL_NS:
@@ -310,11 +342,22 @@ class Explorer:
         return True
 
     def _wait_for_floor(self, now_ns: int) -> None:
-        self.aim = None
+        """Where the map shows no floor, go on to the goal; then home, or where it is known."""
+        if self.state == "returning":
+            return
         if self._nothing_ns is None:
             self._nothing_ns = now_ns
         elif now_ns - self._nothing_ns > self._params.progress_timeout * 1e9:
-            self._finish("failed", "the robot is not in free space of the map")
+            assert self._robot is not None
+            at = f"({self._robot.x_m:.2f}, {self._robot.y_m:.2f})"
+            reason = f"stopped at {at}, where the map shows no floor that the robot fits on"
+            if self.seen is None or not self._params.return_to_init:
+                self._finish("failed", reason)
+                return
+            if self.aim is not None:
+                self._set_aside(now_ns, reason)
+            self._nothing_ns = None
+            self._end(reason)
 
     def _end_if_sure(self, now_ns: int) -> None:
         """Nothing is left to see: after a while, drive home."""
@@ -419,12 +462,34 @@ class Explorer:
         if self.state != "returning":
             return
         if error_code == ErrorCode.NONE:
-            self._finish("complete", self.reason)
+            self._finish("complete", "; ".join(filter(None, (self.reason, self._not_home))))
+            return
+        if error_code == ErrorCode.GOAL_OCCUPIED:
+            self._not_home = self._not_home or f"could not return home: {error_msg}"
+            before = self._before_home()
+            if before is None:
+                self._finish("complete", f"{self.reason}; {self._not_home}")
+            else:
+                self._end_pose, self._sent = before, None
             return
         self._home_failures += 1
         self._sent = None
         if self._home_failures >= _HOME_TRIES:
             self._finish("failed", f"failed to return home: error {error_code}: {error_msg}")
+
+    def _before_home(self) -> SE2 | None:
+        """A pose on the way home, before the one that was the end of it."""
+        seen = self.seen
+        if seen is None or seen.robot is None:
+            return None
+        index = seen.floor.coarse_index(self._home.x_m, self._home.y_m)
+        assert index is not None
+        away_m = self._end_pose.distance_m(self._home) + _BEFORE_HOME_M
+        for cell in reversed(way(seen.parents, index)):
+            x_m, y_m = seen.floor.center(*seen.floor.stand(cell))
+            if math.hypot(x_m - self._home.x_m, y_m - self._home.y_m) >= away_m:
+                return SE2(x_m, y_m, self._home.yaw_rad)
+        return None
 
     def _finish(self, state: State, reason: str) -> None:
         self.state, self.reason = state, reason

@@ -22,6 +22,7 @@ from mazebot.common.world.costmap import (
     inscribed,
     nearest_cell,
     reachable_from,
+    roomy,
     straightened,
 )
 from mazebot.explorer.paths import HIGHEST_PRICE, PRICE_ONE, Prices
@@ -54,7 +55,10 @@ class Floor:
     passable: Mask
     """The robot's centre hits no occupied cell there; unknown cells may be passable."""
     reachable: Mask
-    """Known and passable, and a path leads there from the robot."""
+    """Known, and a path leads there from the robot. Of a floor with gaps, that its outline fits
+    through; else passable."""
+    radius_m: float
+    """Of the robot's circle."""
     factor: int
     """Cells along the side of a coarse cell."""
     prices: Prices
@@ -77,7 +81,8 @@ class Floor:
     @property
     def reachable_m2(self) -> float:
         """Area that the robot's centre can reach."""
-        return int(np.count_nonzero(self.reachable)) * self.resolution_m * self.resolution_m
+        cells = int(np.count_nonzero(self.reachable & self.passable))
+        return cells * self.resolution_m * self.resolution_m
 
     def coarse_index(self, x_m: float, y_m: float) -> int | None:
         """Index of the coarse cell nearest to a place that has a way; None: there is none."""
@@ -137,8 +142,9 @@ def _price_table(resolution_m: float) -> NDArray[np.int32]:
 
 
 def floor_from(
-    cells: Cells, resolution_m: float, origin: SE2, robot: SE2, radius_m: float, tolerance_m: float
-) -> Floor:
+    cells: Cells, resolution_m: float, origin: SE2, robot: SE2, radius_m: float, tolerance_m: float,
+    inscribed_radius_m: float | None = None,
+) -> Floor:  # fmt: skip
     """The floor of a map for a robot at a pose in it.
 
     Args:
@@ -148,6 +154,8 @@ def floor_from(
         robot: map_from_base.
         radius_m: of the robot's circle.
         tolerance_m: a robot in inflated cells stands at the nearest passable cell this near.
+        inscribed_radius_m: half of the width with which it drives through gaps; None: it drives
+            only where its circle hits nothing.
     """
     origin, cells = straightened(resolution_m, origin, cells)
     factor = max(round(_COARSE_M / resolution_m), 1)
@@ -156,8 +164,13 @@ def floor_from(
     origin = SE2(origin.x_m - factor * resolution_m, origin.y_m - factor * resolution_m, 0.0)
     clearance = np.ascontiguousarray(clearance_m(cells >= OCCUPIED, resolution_m))
     room = np.ascontiguousarray(clearance_m(cells != FREE, resolution_m))
-    passable = ~inscribed(clearance, radius_m)
-    known = (cells >= FREE) & passable
+    if inscribed_radius_m is None:
+        fits = passable = ~inscribed(clearance, radius_m)
+    else:
+        inscribed_radius_m = min(inscribed_radius_m, radius_m)
+        fits = ~inscribed(clearance, inscribed_radius_m)
+        passable = roomy(clearance, cells >= FREE, resolution_m, radius_m, inscribed_radius_m)
+    known = (cells >= FREE) & fits
     row = math.floor((robot.y_m - origin.y_m) / resolution_m)
     column = math.floor((robot.x_m - origin.x_m) / resolution_m)
     reachable = np.ascontiguousarray(reachable_from(known, row, column, tolerance_m / resolution_m))
@@ -170,5 +183,5 @@ def floor_from(
     )  # fmt: skip
     return Floor(
         resolution_m, origin.x_m, origin.y_m, np.ascontiguousarray(cells), clearance, room,
-        passable, reachable, factor, prices, coarse,
+        passable, reachable, radius_m, factor, prices, coarse,
     )  # fmt: skip

@@ -171,14 +171,14 @@ class ExplorerNode(Node):
                 self._explorer.is_held = status.is_held
                 if status.is_busy:
                     self._explorer.navigation_is_busy(now_ns)
-        self._take_map(now_ns, inbox)
+        self._take_map(inbox)
         for pose in inbox.new(AMCL_POSE):
             stamp_ns = msg.ns_from_time(pose.header.stamp)
             if self._watch.is_of_this_run(stamp_ns, AMCL_POSE, inbox) and self._explorer:
                 self._posed = True
                 self._explorer.take_pose(msg.se2_from_pose(pose.pose.pose))
 
-    def _take_map(self, now_ns: int, inbox: Inbox) -> None:
+    def _take_map(self, inbox: Inbox) -> None:
         if self._explorer is None:
             # Until the world is known, the map waits.
             return
@@ -192,7 +192,7 @@ class ExplorerNode(Node):
         self._map = grid
         cells = np.array(msg.cells_from_grid(grid), np.int8)
         origin = msg.se2_from_pose(grid.info.origin)
-        self._explorer.take_map(now_ns, MapSoFar(cells, grid.info.resolution, origin))
+        self._explorer.take_map(MapSoFar(cells, grid.info.resolution, origin))
 
     def _reset(self) -> None:
         """Forget what was explored."""

@@ -7,7 +7,7 @@ from typing import Literal
 from pydantic import Field
 
 from mazebot.common.config import Params
-from mazebot.common.world.costmap import ROBOT_RADIUS_M, START_TOLERANCE_M
+from mazebot.common.world.costmap import INSCRIBED_RADIUS_M, ROBOT_RADIUS_M, START_TOLERANCE_M
 
 Policy = Literal["tour", "nearest", "gain"]
 
@@ -63,6 +63,12 @@ class ExplorerParams(Params):
     visualize: bool = Field(True, description="publish the frontiers as markers")
     robot_radius: float = Field(
         ROBOT_RADIUS_M, gt=0, description="m; the floor that the robot reaches is for this circle"
+    )
+    inscribed_radius: float = Field(
+        INSCRIBED_RADIUS_M,
+        gt=0,
+        description="m; half of the narrowest gap through which it looks for more floor, once the "
+        "floor for its circle is seen; robot_radius: none is narrower",
     )
     view_clearance: float = Field(
         0.3, gt=0, description="m; distance of view points to obstacles, where there is room"

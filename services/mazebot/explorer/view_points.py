@@ -80,6 +80,17 @@ class Part:
         return int(row), int(column)
 
 
+def nearer(
+    vain: list[Vain], target_m: tuple[float, float], from_m: tuple[float, float]
+) -> list[Vain]:
+    """What was looked at in vain, with a target that was not seen from a place."""
+    reach_m = math.dist(target_m, from_m)
+    for one in vain:
+        if math.dist(one.target_m, target_m) < _SAME_M:
+            reach_m = min(reach_m, one.reach_m)
+    return [*vain, Vain(target_m, max(_NEARER * reach_m, _GUESSED_M))]
+
+
 @kernel("boolean(int8[:, ::1], boolean[:, ::1], float64, float64, int64, int64, float64)")
 def sees(
     cells: Cells, blocks: Mask, from_row: float, from_column: float, row: int, column: int,
@@ -197,7 +208,8 @@ def view_points(
     candidates = candidates[tried]
     costs = distances.reshape(-1)[candidates].copy()
     tight = floor.coarse_clearance_m.reshape(-1)[candidates] < clearance_m
-    ranking = costs.astype(np.int64) + np.where(tight, _TIGHT_COST * 10, 0)
+    in_gap = floor.coarse_clearance_m.reshape(-1)[candidates] <= floor.radius_m
+    ranking = costs.astype(np.int64) + np.where(tight, _TIGHT_COST * 10, 0) + in_gap * FAR
     rows, columns_of = np.divmod(candidates, columns)
     middle = (floor.factor - 1) / 2.0
     places = np.stack([rows * floor.factor + middle, columns_of * floor.factor + middle], 1)

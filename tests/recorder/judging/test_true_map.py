@@ -85,6 +85,18 @@ def test_faces_behind_a_partition_do_not_count() -> None:
     assert reachable_m2(truth) == pytest.approx((near_m - 0.48) * (FREE_M - 0.48), rel=0.04)
 
 
+def test_what_lies_behind_a_gap_counts_if_the_outline_fits_through() -> None:
+    def gap(width_m: float) -> TrueMap:
+        length_m = 2.0 - width_m / 2.0
+        sides = (1.0 + width_m / 4.0, -1.0 - width_m / 4.0)
+        return true_map(world_with(*(box(1.0, y_m, (0.1, length_m, 1.0)) for y_m in sides)), {})
+
+    beyond = np.array([[1.5, 0.0]])
+    assert gap(0.45).reachable_at(beyond)[0]
+    assert gap(0.45).faces_m[..., 0].max() > 1.5
+    assert not gap(0.28).reachable_at(beyond)[0]
+
+
 def test_a_niche_counts_as_far_as_it_can_be_looked_into() -> None:
     # 0.2 m wide between two boxes: too narrow to enter.
     boxes = (box(0.7, 1.5, (1.2, 0.85, 1.0)), box(-0.7, 1.5, (1.2, 0.85, 1.0)))

@@ -147,19 +147,19 @@ class _Run:
                 break
             self.goals += current is None or following.is_for_another(current)
             current = following
-            if not self._drive(following.pose, most_m if to_its_end else step_m):
+            if not self._drive(following.pose, most_m if to_its_end else step_m, seen.gaps):
                 raise RuntimeError(f"stands at {self.robot} before {following}")
         explored_m = self.driven_m
         if params.return_to_init:
-            self._drive(place.start, most_m)
+            self._drive(place.start, most_m, seen is not None and seen.gaps)
         return explored_m
 
-    def _drive(self, goal: SE2, most_m: float) -> bool:
-        """Drive towards a goal; whether the robot has moved."""
+    def _drive(self, goal: SE2, most_m: float, gaps: bool) -> bool:
+        """Drive towards a goal, also through gaps; whether the robot has moved."""
         place, params = self._place, self._params
         floor = floor_from(
             self.known, place.resolution_m, place.origin, self.robot, params.robot_radius,
-            params.start_tolerance,
+            params.start_tolerance, params.inscribed_radius if gaps else None,
         )  # fmt: skip
         start = floor.coarse_index(self.robot.x_m, self.robot.y_m)
         end = floor.coarse_index(goal.x_m, goal.y_m)

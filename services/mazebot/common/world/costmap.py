@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mazebot.common.maths import portable
 from mazebot.common.maths.frames import SE2
-from mazebot.common.robot.waffle import WAFFLE_RADIUS_M
+from mazebot.common.robot.waffle import WAFFLE_FOOTPRINT_M, WAFFLE_RADIUS_M
 from mazebot.common.world.grids import connected_regions, distance_cells
 
 Cells = NDArray[np.int8]
@@ -20,6 +20,10 @@ Mask = NDArray[np.bool_]
 
 ROBOT_RADIUS_M = WAFFLE_RADIUS_M + 0.02
 """Navigation's default `robot_radius`: a waffle as a disc, and 2 cm margin."""
+INSCRIBED_RADIUS_M = max(y_m for _, y_m in WAFFLE_FOOTPRINT_M)
+"""Navigation's default `custom_inscribed_radius`: half of a waffle's width, with which it drives
+straight through a gap.
+"""
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1
 """Values of a map's cells; one of at least OCCUPIED is a lethal obstacle, below 0 it is unknown."""
 START_TOLERANCE_M = 0.5
@@ -51,6 +55,21 @@ def clearance_m(lethal: Mask, resolution_m: float) -> Clearance:
 def inscribed(clearance: Clearance, robot_radius_m: float = ROBOT_RADIUS_M) -> Mask:
     """(rows, columns): cells where the robot's circle hits a lethal cell (cost 253 and more)."""
     return np.asarray(clearance.astype(np.float64) - robot_radius_m <= 0.0)
+
+
+def roomy(
+    clearance: Clearance, known: Mask, resolution_m: float, robot_radius_m: float,
+    inscribed_radius_m: float,
+) -> Mask:  # fmt: skip
+    """(rows, columns): cells that are floor for a robot which drives straight through gaps: those
+    where its circle hits nothing, and the middle of what is narrower. The strips along walls, where
+    it could only drive beside its circle's `known` floor, are none.
+    """
+    free = ~inscribed(clearance, robot_radius_m)
+    fits = ~inscribed(clearance, inscribed_radius_m)
+    # In a corner between walls the strip is wider, by half and a cell.
+    strip_m = 1.5 * (robot_radius_m - inscribed_radius_m) + resolution_m
+    return np.asarray(free | (fits & (clearance_m(free & known, resolution_m) > strip_m)))
 
 
 def traversable(

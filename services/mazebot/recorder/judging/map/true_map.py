@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from mazebot.common.maths.frames import SE2, Array
 from mazebot.common.messages.documents import Thing, World
 from mazebot.common.world.costmap import (
+    INSCRIBED_RADIUS_M,
+    ROBOT_RADIUS_M,
     START_TOLERANCE_M,
     Cells,
     Mask,
@@ -23,6 +25,7 @@ from mazebot.common.world.costmap import (
     inscribed,
     nearest_cell,
     reachable_from,
+    roomy,
 )
 from mazebot.common.world.geometry import TriangleMesh
 from mazebot.common.world.obstruction import obstructions, wall_polygons
@@ -59,7 +62,8 @@ class TrueMap:
     faces_m: Array
     """(n, 2, 2): segments, from and to, of its outline that can be seen; at most SPACING_M long."""
     reachable: Mask
-    """(rows, columns): floor where the robot's centre can be, on a raster of its own"""
+    """(rows, columns): floor where the robot's centre can be, also behind gaps that its outline
+    fits through, on a raster of its own"""
     raster_m: float
     raster_origin_m: tuple[float, float]
     """of cells of this side, from this corner."""
@@ -98,8 +102,10 @@ def true_map(
     shape = int(rows), int(columns)
     blocked = _painted(around, shape, low, raster_m)
     column, row = ((np.array(start[:2]) - low) / raster_m).astype(int)
-    free = ~inscribed(clearance_m(blocked, raster_m))
-    reachable = reachable_from(free, int(row), int(column), START_TOLERANCE_M / raster_m)
+    clearance = clearance_m(blocked, raster_m)
+    fits = ~inscribed(clearance, INSCRIBED_RADIUS_M)
+    reachable = reachable_from(fits, int(row), int(column), START_TOLERANCE_M / raster_m)
+    reachable &= roomy(clearance, ~blocked, raster_m, ROBOT_RADIUS_M, INSCRIBED_RADIUS_M)
     edge = np.concatenate([reachable[0], reachable[-1], reachable[:, 0], reachable[:, -1]])
     standing = reachable.copy()
     at_start = nearest_cell(~blocked, int(row), int(column))
