@@ -53,10 +53,11 @@ def stop_causes(
             causes.append(StopCause(level="stop", cause=cause, cleared_by=cleared_by))
     if measured.is_depth_silent(now_ns):
         if measured.does_depth_repeat(now_ns):
-            does, cleared_by = "repeats a picture", "a picture that differs"
+            cause = "the depth camera repeats a picture: low things are not seen"
+            cleared_by = "a picture that differs"
         else:
-            does, cleared_by = "is silent", "its next picture"
-        cause = f"the depth camera {does}: low things are not seen"
+            cause = "the depth camera is silent: low things are not seen"
+            cleared_by = "its next picture"
         causes.append(StopCause(level="slowdown", cause=cause, cleared_by=cleared_by))
     return tuple(causes)
 
