@@ -114,7 +114,7 @@ def test_no_map_is_made_without_returns(tmp_path: Path, range_m: float) -> None:
 
 def test_no_map_is_made_where_no_return_is_near_enough(tmp_path: Path) -> None:
     bag = write(
-        tmp_path / "bag", stamps_ns=STAMPS_NS, limits_m=[(0.1, 50.0)], ranges_m=np.full(21, 30.0)
+        tmp_path / "bag", stamps_ns=STAMPS_NS, limits_m=[(0.1, 50.0)], ranges_m=np.full(21, 45.0)
     )
     assert "no cell of its map is occupied" in refused(bag)
 

@@ -13,7 +13,6 @@ import numpy as np
 from mazebot.cli.logs.log import Log
 from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import SE2, Array, wrap_angles
-from mazebot.common.robot.frozen_scans import FROZEN, FrozenScans
 
 if TYPE_CHECKING:
     from mazebot.common.messages.slam_documents import PoseGraph
@@ -134,7 +133,8 @@ def run(
 
     Raises ConfigError with a phrase where no scan could be used.
     """
-    from mazebot.mapping.slam import Slam  # noqa: PLC0415 - loads Numba
+    from mazebot.common.robot.frozen_scans import FROZEN, FrozenScans  # noqa: PLC0415 - load Numba
+    from mazebot.mapping.slam import Slam  # noqa: PLC0415
 
     slam = Slam(params, SE2(0.0, 0.0, 0.0))
     scans = log.scans
