@@ -151,6 +151,7 @@ def test_a_page_that_comes_late_gets_what_it_has_missed_at_once(page: Page, run:
 def test_a_page_that_is_loaded_again_misses_nothing(run: Run) -> None:
     with run.page() as first:
         before = first.wait_kind("trails")["truth"]
+        first.done(do="spin", angle_rad=0.2)
         first.wait_for(lambda: first.events)
     with run.page() as again:
         assert again.wait_kind("trails")["truth"][: len(before)] == before
