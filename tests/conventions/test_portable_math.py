@@ -67,7 +67,7 @@ POSES = {
     "mapping/loops/loop_closing.py": 1,
     "mapping/matching/scan_points.py": 1,
     "mapping/node.py": 1,
-    "mapping/matching/occupancy.py": 7,
+    "mapping/matching/occupancy.py": 6,
     "mapping/graph/optimizer.py": 2,
     "mapping/slam.py": 17,
     "navigation/control/mppi/mppi.py": 1,

@@ -163,14 +163,8 @@ class Structures:
 
     def without_new(self, map_from_base: SE2, seen: ScanPoints) -> ScanPoints:
         """A scan without returns where the map is free: of what comes and goes."""
-        grid = self.grid
-        places_m = moved(seen.points_m, grid.origin.inverse() @ map_from_base)
-        columns, rows = np.floor(places_m / grid.resolution_m).astype(np.int64).T
-        inside = (rows >= 0) & (rows < grid.cells.shape[0])
-        inside &= (columns >= 0) & (columns < grid.cells.shape[1])
-        known = np.zeros(len(places_m), np.bool_)
-        known[inside] = grid.cells[rows[inside], columns[inside]] == FREE
-        return replace(seen, points_m=np.ascontiguousarray(seen.points_m[~known]))
+        is_new = _cells_at(self.grid, map_from_base, seen.points_m) == FREE
+        return replace(seen, points_m=np.ascontiguousarray(seen.points_m[~is_new]))
 
 
 @kernel(
@@ -314,9 +308,15 @@ def share_in_free(grid: MapGrid, map_from_base: SE2, returns_m: Array) -> float:
     """The share of returns (n, 2), in base_footprint, that lie where the map is free."""
     if not len(returns_m):
         return 0.0
-    places_m = moved(returns_m, grid.origin.inverse() @ map_from_base)
+    return float((_cells_at(grid, map_from_base, returns_m) == FREE).mean())
+
+
+def _cells_at(grid: MapGrid, map_from_base: SE2, points_m: Array) -> NDArray[np.int8]:
+    """(n,) the map's values at points (n, 2) in base_footprint; unknown beyond it."""
+    places_m = moved(points_m, grid.origin.inverse() @ map_from_base)
     columns, rows = np.floor(places_m / grid.resolution_m).astype(np.int64).T
     inside = (rows >= 0) & (rows < grid.cells.shape[0])
     inside &= (columns >= 0) & (columns < grid.cells.shape[1])
-    free = np.count_nonzero(grid.cells[rows[inside], columns[inside]] == FREE)
-    return float(free / len(returns_m))
+    values = np.full(len(points_m), UNKNOWN, np.int8)
+    values[inside] = grid.cells[rows[inside], columns[inside]]
+    return values
