@@ -99,8 +99,8 @@ class PerceptionNode(Node):
         self._depth: tuple[int, Mount, Future[DepthScan | None]] | None = None
         """Stamp of a depth image, its camera's mount, and the scan that is being made of it."""
         self._depth_info: msg.CameraInfo | None = None
-        self._looks_elsewhere = ""
-        """Where the depth camera looks that does not see the floor ahead; empty: it does."""
+        self._view_judged: tuple[tuple[int, int], bytes] | None = None
+        """Size, lens and place of the camera that was looked at for whether it sees the floor."""
         self._entities: Entities | None = None
         self._finder = MarkerFinder(config)
         self._dictionaries: dict[str, cv2.aruco.Dictionary] = {}
@@ -297,16 +297,18 @@ class PerceptionNode(Node):
             intrinsics = np.asarray(known.k, np.float64).reshape(3, 3)
             mount = Mount.of(base_from_link)
             yaw_rad = mount.base_from_scan.yaw_rad
-            looks = unseen_ahead(
-                (known.width, known.height), intrinsics, base_from_camera, yaw_rad, config
-            )
-            if looks not in ("", self._looks_elsewhere):
-                _log.warning(
-                    "the camera does not see the floor ahead of the robot: low things are not "
-                    "avoided; %s",
-                    looks,
-                )
-            self._looks_elsewhere = looks
+            size_px = known.width, known.height
+            places = (intrinsics, base_from_camera, base_from_link)
+            view = size_px, b"".join(place.tobytes() for place in places)
+            if view != self._view_judged:
+                self._view_judged = view
+                looks = unseen_ahead(size_px, intrinsics, base_from_camera, yaw_rad, config)
+                if looks:
+                    _log.warning(
+                        "the camera does not see the floor ahead of the robot: low things are not "
+                        "avoided; %s",
+                        looks,
+                    )
             scan = self._worker.submit(
                 lambda: depth_scan(_depths(image), intrinsics, base_from_camera, yaw_rad, config)
             )

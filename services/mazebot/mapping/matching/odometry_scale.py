@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from mazebot.common.maths import portable
-from mazebot.common.maths.frames import SE2, PlanarCovariance
+from mazebot.common.maths.frames import SE2, Array, PlanarCovariance
 from mazebot.mapping.matching.refine import Refined
 
 _STD, _MOST = 0.03, 0.15
@@ -15,6 +15,7 @@ _STD, _MOST = 0.03, 0.15
 _WANDER = 3e-4
 """Standard deviation by which floor and load change it within a metre: 1 % within a kilometre."""
 _LEAST_WAY_M = 0.02
+"""Of a shorter step nothing is learned: a match errs by as much."""
 _MATCH_STD_M = 0.02
 """Matches of one place share their errors, however many returns there are."""
 _LEAST_KNOWN = 0.25
@@ -73,8 +74,8 @@ def _squares(way_m: tuple[float, float]) -> float:
     return way_m[0] * way_m[0] + way_m[1] * way_m[1]
 
 
-def _marginal(information: np.ndarray) -> float:
-    """Of the first coordinate, where the two others are unknown as well (the Schur complement)."""
+def _marginal(information: Array) -> float:
+    """Of the first of three coordinates, the others being unknown as well (Schur complement)."""
     (a, b, c), (_, d, e), (_, _, f) = information.tolist()
     determinant = d * f - e * e
     return (
