@@ -23,6 +23,7 @@ from mazebot.common.recordings.mcap.mcap_messages import (
     read_messages,
 )
 from mazebot.common.recordings.mcap.mcap_scan import scan
+from mazebot.common.recordings.run_folder import LOCK
 from tests.cli.replay import runs
 from tests.cli.test_app import mazebot
 from tests.worldgen import folder as worlds
@@ -194,6 +195,32 @@ def test_what_has_been_cut_off_is_replayed_to_its_end_and_is_no_success(
     told = json.loads(done.stdout)
     assert told["end_s"] > 0.0
     assert told["faults"][0] == "run.mcap is cut"
+
+
+def test_a_run_whose_recorder_was_killed_is_said_to_lack_its_end(
+    run_folder: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "killed"
+    shutil.copytree(run_folder, folder)
+    (folder / "summary.json").unlink()
+    (folder / LOCK).touch()
+    for name in (folder, folder / "run.mcap"):
+        done = mazebot("replay", str(name), "--service", "navigation", "--json")
+        assert done.returncode == 0
+        assert done.stderr.count("\n") == 1
+        assert " was killed while it was recorded: `mazebot recordings repair` " in done.stderr
+
+
+def test_a_run_that_is_cut_before_its_first_message_is_refused_as_cut(
+    run_folder: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "stump"
+    shutil.copytree(run_folder, folder)
+    file = folder / "run.mcap"
+    file.write_bytes(file.read_bytes()[: scan(file).chunks[0].offset + 50])
+    done = mazebot("replay", str(folder), "--service", "navigation")
+    assert done.returncode != 0
+    assert done.stderr == f"error: replay: {file}: is cut before the first message\n"
 
 
 def test_jpeg_pictures_are_unpacked_and_said_to_have_a_loss(

@@ -136,6 +136,8 @@ def _warn(recording: Recording) -> None:
             f"warning: {recording.name} has a hole: {recording.gap}: neither a difference nor its "
             "absence proves anything\n"
         )
+    if recording.unended:
+        sys.stderr.write(f"warning: {recording.name} {recording.unended}\n")
     if recording.faults:
         sys.stderr.write(
             f"warning: {recording.name}: {'; '.join(recording.faults)}: read as far as it goes, "

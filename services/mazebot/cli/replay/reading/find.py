@@ -14,6 +14,11 @@ from mazebot.common.recordings.mcap.mcap_scan import scan
 from mazebot.common.recordings.run_folder import CONFIG, MESSAGES, SUMMARY, parts_of
 
 _MCAP = b"\x89MCAP"
+_UNENDED = {
+    "running": "is being recorded: its last messages are yet to come",
+    "interrupted": "was killed while it was recorded: `mazebot recordings repair` makes it whole",
+}
+"""By the state of a run that is not closed."""
 
 
 def open_recording(directory: Path, name: str, slam: bool = False) -> Recording:
@@ -43,8 +48,7 @@ def _open_folder(folder: Path, slam: bool) -> Recording:
         from mazebot.cli.replay.reading.run_messages import open_run  # noqa: PLC0415
 
         recording = open_run(folder.resolve().name, parts)
-        run = run_at(folder)
-        recording.gap = run.gap if run is not None else ""
+        _tell_state(recording, folder)
         recording.faults = message_faults(folder)
         return recording
     # Its libraries load only where there is a bag.
@@ -64,6 +68,16 @@ def _open_folder(folder: Path, slam: bool) -> Recording:
     )
 
 
+def _tell_state(recording: Recording, folder: Path) -> None:
+    """Write into a run's recording what its folder tells of how it was recorded."""
+    run = run_at(folder)
+    if run is None:
+        return
+    recording.gap = run.gap
+    if not run.closed:
+        recording.unended = _UNENDED.get(run.state, "")
+
+
 def _open_file(path: Path, slam: bool) -> Recording:
     try:
         with open_regular(path) as file:
@@ -74,8 +88,8 @@ def _open_file(path: Path, slam: bool) -> Recording:
         from mazebot.cli.replay.reading.run_messages import open_run  # noqa: PLC0415
 
         recording = open_run(path.stem, [path])
-        run = run_at(path.parent) if path == path.parent / MESSAGES else None
-        recording.gap = run.gap if run is not None else ""
+        if path == path.parent / MESSAGES:
+            _tell_state(recording, path.parent)
         recording.faults = faults_of_file(path)
         return recording
     from mazebot.cli.replay.reading.bag_messages import open_bag  # noqa: PLC0415

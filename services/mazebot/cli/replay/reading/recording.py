@@ -39,6 +39,8 @@ class Recording:
     """Topics that are left out as a whole, each with the reason."""
     gap: str = ""
     """What of the run was not recorded, in words; empty: nothing that is known of."""
+    unended: str = ""
+    """That its recorder has not ended it, and why, in words; empty: it has."""
     faults: tuple[str, ...] = ()
     """What its files lack, or have of another run, in words; empty: nothing that is known of."""
     clock_set_back: int = 0

@@ -72,9 +72,11 @@ def _open(name: str, parts: Sequence[Path]) -> Recording:
             clock_ns = time_ns if clock_ns is None else clock_ns
             if time_ns > clock_ns + _HEAD_NS:
                 break
-    if start_ns is None:
-        raise ConfigError(f"replay: {parts[0]}: contains no message of a run")
     contents = [scan(path) for path in parts]
+    if start_ns is None:
+        is_cut = not all(one.is_whole for one in contents)
+        why = "is cut before the first message" if is_cut else "contains no message of a run"
+        raise ConfigError(f"replay: {parts[0]}: {why}")
     end_ns = max((chunk.end_ns for one in contents for chunk in one.chunks), default=start_ns)
     counts = {
         channel.topic for one in contents for channel in one.channels if one.counts[channel.id]
