@@ -707,7 +707,8 @@ def test_the_state_of_an_included_model_is_that_of_its_own_frame(tmp_path: Path)
 def test_what_of_a_state_is_not_applied_is_told(tmp_path: Path) -> None:
     state = f"""<model name="wall"><static>1</static>{LINK}</model>
     <state world_name="w"><insertions><model name="new">{LINK}</model></insertions>
-    <model name="wall"><pose>1 2 nonsense 0 0 0</pose><scale>2 1 1</scale></model></state>"""
+    <model name="wall"><pose>1 2 nonsense 0 0 0</pose><scale>2 0 1</scale></model></state>"""
     world = read(tmp_path, state, "1.6")
-    assert ignored(world) == ["insertions of state", "scale of state"]
-    assert kinds(world) == ["ELEMENT_INVALID"]
+    assert ignored(world) == ["insertions of state"]
+    assert kinds(world) == ["ELEMENT_INVALID", "ELEMENT_INVALID"]
+    assert world.report.errors[0].message == "<scale> `2 0 1` must be > 0 each"

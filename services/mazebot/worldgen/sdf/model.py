@@ -25,6 +25,8 @@ class Ignored(BaseModel):
     """e.g. `plugin gz-sim-physics-system`, `joint wheel_left (revolute)`, `state`"""
     where: str
     """file:line, and the element's path: `house.sdf:12: world default/model box`"""
+    solid: bool = False
+    """Whether something that can be hit is missing for that, or has another shape or place."""
 
 
 class Renamed(BaseModel):
@@ -107,6 +109,11 @@ class ImportReport(BaseModel):
                 f"{names}{more} {'have' if count > 1 else 'has'} a <visual> and no <collision>: "
                 "nothing there can be hit, and the lidar sees nothing"
             )
+        solid = [one for one in self.ignored if one.solid]
+        if solid:
+            told = ", ".join(f"{one.what} ({one.where})" for one in solid[:_NAMED])
+            more = f" and {len(solid) - _NAMED} more" if len(solid) > _NAMED else ""
+            lines.append(f"in Gazebo solid, but left out here: {told}{more}")
         return tuple(lines)
 
 

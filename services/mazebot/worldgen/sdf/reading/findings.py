@@ -68,7 +68,7 @@ class Findings:
         self._errors: dict[tuple[str, str, str], SdfError] = {}
         self._missing: dict[tuple[str, str, str], SdfError] = {}
         self._unsolid: dict[str, None] = {}
-        self._ignored: dict[tuple[str, str], tuple[str, int]] = {}
+        self._ignored: dict[tuple[str, str, bool], tuple[str, int]] = {}
         self._includes: list[Included] = []
         self._renamed: list[Renamed] = []
         self._materials: dict[str, None] = {}
@@ -88,9 +88,11 @@ class Findings:
         """Record a link with visuals and no collision."""
         self._unsolid[link] = None
 
-    def ignore(self, what: str, where: Place) -> None:
-        """Record something not simulated. The same in one file is reported once, with its count."""
-        key = (" ".join(what.split())[:200], where.source.shown)
+    def ignore(self, what: str, where: Place, solid: bool = False) -> None:
+        """Record something not simulated, and whether something solid is missing or another for
+        that. The same in one file is reported once, with its count.
+        """
+        key = (" ".join(what.split())[:200], where.source.shown, solid)
         first, count = self._ignored.get(key) or (str(where), 0)
         self._ignored[key] = first, count + 1
 
@@ -125,8 +127,10 @@ class Findings:
             includes=tuple(self._includes),
             renamed=tuple(self._renamed),
             ignored=tuple(
-                Ignored(what=what, where=first + (f" (and {n - 1} more)" if n > 1 else ""))
-                for (what, _), (first, n) in self._ignored.items()
+                Ignored(
+                    what=what, where=first + (f" (and {n - 1} more)" if n > 1 else ""), solid=solid
+                )
+                for (what, _, solid), (first, n) in self._ignored.items()
             ),
             errors=tuple(self._errors.values()),
             missing=tuple(self._missing.values()),

@@ -45,6 +45,8 @@ class Item:
     """Of a model: its own element; `place` is the <include> if there is one."""
     static: bool = False
     """Of a model."""
+    scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    """Of a model: of the shapes of its own links along their axes, from a <state>."""
     canonical_link: str = ""
     """Of a model."""
     placement_frame: str = ""

@@ -202,7 +202,8 @@ class _Resolver:
             allowed_name(name, role, at, self._findings)
         names[name] = None
         pose = pose_of(at, self._findings)
-        read = self._shapes.geometry(at, role)
+        scale = (1.0, 1.0, 1.0) if link.scope is None else link.scope.scale
+        read = self._shapes.geometry(at, role, scale)
         material = self._shapes.material(at) if role == "visual" else None
         if read is None:
             return None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NoReturn, TypeVar
 
@@ -31,6 +31,7 @@ from mazebot.worldgen.sdf.reading.material_script import (
 from mazebot.worldgen.sdf.reading.vocabulary import list_unread
 
 T = TypeVar("T")
+Scale = tuple[float, float, float]
 
 MESH_SUFFIXES = (".dae", ".obj", ".stl", ".glb")
 INFINITE_PLANE_M = 100.0
@@ -71,9 +72,11 @@ class ShapeReader:
             tuple[str, tuple[str, ...], Path], tuple[ScriptMaterial | None, Path | None]
         ] = {}
 
-    def geometry(self, place: Place, role: str) -> ReadGeometry | None:
-        """Of a <collision> or <visual>; None if it is empty, LACKING if it is a mesh that is only
-        seen and cannot be had.
+    def geometry(
+        self, place: Place, role: str, scale: Scale = (1.0, 1.0, 1.0)
+    ) -> ReadGeometry | None:
+        """Of a <collision> or <visual>, scaled along its own axes; None if it is empty, LACKING if
+        it is a mesh that is only seen and cannot be had.
         """
         element = place.element.find("geometry")
         if element is None:
@@ -103,7 +106,8 @@ class ShapeReader:
         for one in kinds if kind == "polyline" else (first,):
             list_unread(place.at(one), self._findings)
         try:
-            return self._shape(kind, at, kinds, role)
+            read = self._shape(kind, at, kinds, role)
+            return read if scale == (1.0, 1.0, 1.0) else self._scaled(read, scale, at, role)
         except ValidationError as error:
             message = error.errors()[0]["msg"]
             self._findings.error("ELEMENT_INVALID", at, f"<{kind}> {message}")
@@ -138,6 +142,18 @@ class ShapeReader:
         if kind == "cone":
             return ReadGeometry(doc.Cone(radius_m=radius, length_m=length), same)
         return ReadGeometry(doc.Capsule(radius_m=radius, length_m=length), same)
+
+    def _scaled(self, read: ReadGeometry, scale: Scale, at: Place, role: str) -> ReadGeometry:
+        """The same, scaled as Gazebo Classic does it. Raises ValidationError."""
+        geometry = scaled(read.geometry, scale)
+        if geometry is None:
+            factors = " ".join(f"{factor:g}" for factor in scale)
+            what = f"scale {factors} of a {read.geometry.kind}, which is not scaled"
+            # A plane that is solid has no end.
+            solid = role == "collision" and read.geometry.kind != "plane"
+            self._findings.ignore(what, at, solid=solid)
+            return read
+        return replace(read, geometry=geometry)
 
     def _plane(self, at: Place, role: str) -> ReadGeometry:
         x, y, z = self.optional(at, "normal", values.vector, (0.0, 0.0, 1.0))
@@ -346,6 +362,24 @@ class _FoundError(Exception):
 
 class _LackingError(Exception):
     """A mesh that is only seen cannot be had, which has been reported already."""
+
+
+def scaled(geometry: GeometryRecipe, scale: Scale) -> GeometryRecipe | None:
+    """A shape scaled as Gazebo Classic scales one: what is round stays so, with the larger factor.
+    None for a shape that it does not scale. Raises ValidationError.
+    """
+    x, y, z = scale
+    if isinstance(geometry, doc.Box):
+        a, b, c = geometry.size_m
+        return doc.Box(size_m=(a * x, b * y, c * z))
+    if isinstance(geometry, doc.Sphere):
+        return doc.Sphere(radius_m=geometry.radius_m * max(scale))
+    if isinstance(geometry, doc.Cylinder):
+        return doc.Cylinder(radius_m=geometry.radius_m * max(x, y), length_m=geometry.length_m * z)
+    if isinstance(geometry, MeshGeometry):
+        a, b, c = geometry.scale
+        return MeshGeometry(**{**geometry.model_dump(), "scale": (a * x, b * y, c * z)})
+    return None
 
 
 def volume_m3(geometry: GeometryRecipe) -> float | None:

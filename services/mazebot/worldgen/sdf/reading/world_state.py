@@ -1,4 +1,4 @@
-"""The <state> of a world that Gazebo Classic saved: where its models were then."""
+"""The <state> of a world that Gazebo Classic saved: where its models were then, and how large."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ _NOT_APPLIED = ("insertions", "deletions")
 
 
 def apply_state(world: Item, lights: Sequence[Place], findings: Findings) -> None:
-    """Put models, their links and the world's own lights where the first <state> has them.
+    """Put models, their links and the world's own lights where the first <state> has them, and
+    give models its scales.
 
     Gazebo Classic does so when it loads the file. All poses of a <state> are in the world. The
     state of something that the world does not have is left out, as there.
@@ -29,7 +30,7 @@ def apply_state(world: Item, lights: Sequence[Place], findings: Findings) -> Non
     for tag in _NOT_APPLIED:
         element = state.find(tag)
         if element is not None and len(element):
-            findings.ignore(f"{tag} of state", at.at(element))
+            findings.ignore(f"{tag} of state", at.at(element), solid=True)
     _place_models(at, world, np.eye(4), findings)
     by_name = {place.element.get("name"): place.element for place in lights}
     for element in state.findall("light"):
@@ -48,8 +49,7 @@ def _place_models(at: Place, scope: Item, world_from_scope: Array, findings: Fin
         if item is None or item.kind != "model":
             continue
         here = at.at(element)
-        if _scaled(here):
-            findings.ignore("scale of state", here)
+        _scale(here, item, findings)
         world_from_model = _placed(here, item, world_from_scope, findings)
         if world_from_model is None:
             continue
@@ -71,8 +71,13 @@ def _placed(at: Place, item: Item, world_from_scope: Array, findings: Findings) 
     return pose.matrix
 
 
-def _scaled(at: Place) -> bool:
+def _scale(at: Place, item: Item, findings: Findings) -> None:
+    element = at.element.find("scale")
+    if element is None or not (element.text or "").strip():
+        return
     try:
-        return values.vector(at.element.findtext("scale") or "1 1 1") != (1.0, 1.0, 1.0)
-    except ValueError:
-        return True
+        x, y, z = values.positives(element.text, 3)
+    except ValueError as error:
+        findings.error("ELEMENT_INVALID", at.at(element), f"<scale> {error}")
+    else:
+        item.scale = x, y, z
