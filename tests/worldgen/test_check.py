@@ -316,6 +316,15 @@ def test_bodies_of_which_the_lidar_sees_nothing_are_told(tmp_path: Path) -> None
         assert all("bodies: 1: must cross the plane of the lidar, 0.132 m" in one for one in lines)
 
 
+def test_only_bodies_that_stand_still_are_told_as_those_to_localize_by(tmp_path: Path) -> None:
+    bodies = [body(name="post", position_m=[1.0, 0.0, 0.05]), body(name="crate", mass_kg=1.0)]
+    for one, height_m in zip(bodies, (0.1, 1.0), strict=True):
+        one["shapes"][0]["geometry"] = {"kind": "box", "size_m": [0.2, 0.2, height_m]}
+    bodies[1]["position_m"] = [-1.0, 0.0, 0.5]
+    (line,) = said(tmp_path, {**folder.room(), "walls": [], "markers": [], "bodies": bodies})
+    assert "it sees nothing of the 1 body that stands still" in line
+
+
 def test_a_body_on_the_map_that_the_lidar_does_not_see_is_told_by_its_name(tmp_path: Path) -> None:
     seen, lamp = box("crate", x_m=-1.0), box("lamp", x_m=-1.5, z_m=1.0)
     boxes = [seen, lamp, box("shelf", z_m=0.2, size_m=[0.4, 0.2, 0.02])]
@@ -353,3 +362,22 @@ def test_a_mesh_that_physics_only_follows_roughly_is_told_if_it_moves(tmp_path: 
         assert len(told) == expected
         imported = rough_bodies(to_recipe(read_sdf(file), "sea"))
         assert imported.startswith("body 'urchin'") == (not still)
+
+
+def test_what_collides_in_gazebo_and_not_here_is_told(tmp_path: Path) -> None:
+    file = tmp_path / "hall.world"
+    plane = "<geometry><plane><normal>0 1 1</normal></plane></geometry>"
+    file.write_text(
+        '<sdf version="1.6"><world name="w"><gravity>0 0 -9.8</gravity>\n<population name="drums">'
+        '<model_count>20</model_count></population><model name="slope"><static>1</static>'
+        f'<link name="l"><collision name="c">{plane}</collision></link></model>\n'
+        '<state world_name="w"><deletions><name>slope</name></deletions></state></world></sdf>'
+    )
+    (problem,) = problems_of(file)
+    assert not problem.fatal
+    assert str(problem).endswith(
+        "collisions are not all as in Gazebo, for want of: "
+        "population drums (hall.world:2: world w/population drums), "
+        "deletions of state (hall.world:3: world w/state/deletions), "
+        "plane collision that is not the floor (hall.world: slope::l::c)"
+    )

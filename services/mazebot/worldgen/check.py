@@ -196,7 +196,11 @@ def _bodies_beside_lidar(draft: Draft) -> Iterator[Mistake]:
             on_map.append(body)
     sees_nothing_of = f"must cross {_PLANE}: it sees nothing of"
     if still and not world.walls and not still & seen:
-        must = f"{sees_nothing_of} {len(world.bodies)} bodies"
+        bodies = "body that stands" if len(still) == 1 else "bodies that stand"
+        must = (
+            f"{sees_nothing_of} the {len(still)} {bodies} still, by which localization could find "
+            "the robot"
+        )
         yield Mistake(("bodies",), len(world.bodies), must, fatal=False)
         return
     passed = [body for body in on_map if body.name not in seen]

@@ -202,7 +202,7 @@ class _Conversion:
         elif level and not self._has_floor:
             is_floor = self._has_floor = True
         else:
-            self._ignore("plane collision that is not the floor", part.where)
+            self._ignore("plane collision that is not the floor", part.where, solid=True)
             return part.visual is None
         if is_floor and part.visual is not None and self._floor_material is None:
             self._floor_material = self._material(part.visual)
@@ -512,8 +512,9 @@ class _Conversion:
             self._errors.append(self._found("FILE_READ", str(file), what))
             return ""
 
-    def _ignore(self, what: str, where: str) -> None:
-        self._ignored.append(Ignored(what=what, where=f"{self._sdf.file.name}: {where}"))
+    def _ignore(self, what: str, where: str, solid: bool = False) -> None:
+        where = f"{self._sdf.file.name}: {where}"
+        self._ignored.append(Ignored(what=what, where=where, solid=solid))
 
     def _lack(self, part: Part, kind: str, message: str) -> None:
         """A mesh cannot be had: an error, unless it is only seen."""

@@ -113,7 +113,7 @@ class ImportReport(BaseModel):
         if solid:
             told = ", ".join(f"{one.what} ({one.where})" for one in solid[:_NAMED])
             more = f" and {len(solid) - _NAMED} more" if len(solid) > _NAMED else ""
-            lines.append(f"in Gazebo solid, but left out here: {told}{more}")
+            lines.append(f"collisions are not all as in Gazebo, for want of: {told}{more}")
         return tuple(lines)
 
 

@@ -171,7 +171,7 @@ class ShapeReader:
         heights = [self._needed(at.at(element), "height", _length) for element in all_of_it]
         for element, height in zip(all_of_it, heights, strict=True):
             if height != heights[0]:
-                self._findings.ignore("height of a second <polyline>", at.at(element))
+                self._findings.ignore("height of a second <polyline>", at.at(element), solid=True)
         polygons = []
         for element in all_of_it:
             points = []

@@ -88,6 +88,9 @@ _NOT_SIMULATED: dict[str, frozenset[str]] = {
     "scene": _words("cast_shadows fog grid origin_visual shadows sky"),
 }
 
+_SOLID = _words("population")
+"""Of those not simulated: what can be hit in Gazebo."""
+
 _ATTRIBUTES: dict[str, frozenset[str]] = {
     "sdf": _words("version"),
     "world": _words("name"),
@@ -162,7 +165,7 @@ def list_unread(place: Place, findings: Findings) -> None:
         elif name.startswith("{") or ":" in name:
             findings.ignore(f"element {_prefixed(place.at(child))}", place.at(child))
         elif name in not_simulated:
-            findings.ignore(described(place.at(child)), place.at(child))
+            findings.ignore(described(place.at(child)), place.at(child), solid=name in _SOLID)
         else:
             findings.ignore(f"unknown element <{name}> in {tag}", place.at(child))
 
