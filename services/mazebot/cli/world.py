@@ -388,6 +388,7 @@ def _print_report(report: ImportReport) -> None:
         f"visuals:    {by_type(report.visuals)}",
         f"materials:  {', '.join(report.materials) or 'none'}",
         f"includes:   {', '.join(include.uri for include in report.includes) or 'none'}",
+        *([f"floor:      {report.floor}"] if report.floor else []),
         *(
             f"renamed:    {one.kind} {one.name} to {one.new_name} ({one.where})"
             for one in report.renamed

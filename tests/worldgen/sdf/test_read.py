@@ -441,7 +441,7 @@ def test_what_is_not_simulated_is_listed(tmp_path: Path) -> None:
         "unknown element <frobnicate> in world",
         "gravity",
         "plugin only_name",
-        "joint m::wheel (revolute): its model is static",
+        "joint m::wheel (revolute): is held still, and its model with it",
         "sensor eye (camera)",
     ]
     np.testing.assert_allclose(frame(world, "m"), np.eye(4))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,14 @@ from mazebot.common.maths.frames import Array, inverse_matrix, quaternion_from_r
 from mazebot.common.messages import documents as doc
 from mazebot.common.world.placement import CONTACT_M
 from mazebot.worldgen.recipe_model import MAX_COORDINATE_M, MeshGeometry
+from mazebot.worldgen.sdf.floor import (
+    ALIGNED,
+    FLOOR_M,
+    Floor,
+    floor_of,
+    level_height,
+    lowered,
+)
 from mazebot.worldgen.sdf.model import (
     Ignored,
     SdfError,
@@ -42,12 +51,8 @@ from mazebot.worldgen.sdf.parts import Group, Part, groups_of, product
 from mazebot.worldgen.sdf.pictures import picture_as_png
 from mazebot.worldgen.sdf.recipe_file import ImportedWorld
 
-FLOOR_M = 0.001
-"""Shapes no farther from z = 0 count as on the floor."""
 MAX_LIGHTS = 8
 
-_ALIGNED = 1e-6
-"""Sine of the maximum tilt of a wall."""
 _LEANS = 1e-3
 """Sine of the maximum tilt of a marker, or of its angle to its wall."""
 _DEFAULT_DIFFUSE = (0.7, 0.7, 0.7, 1.0)
@@ -69,9 +74,11 @@ _ZONES: Mapping[str, TypeAdapter[Any]] = {
 def to_recipe(sdf: SdfWorld, name: str) -> ImportedWorld:
     """The recipe, named `name`, of an SDF world.
 
-    A static, solid, visible, upright box on the floor becomes a wall, a horizontal plane at z = 0
-    the floor, the first directional light the sun, a panel as written by marker_model a marker on
-    its wall; everything else becomes a body, one for all links connected by fixed joints. Anything
+    The floor is as `floor_of` finds it, and the world is moved so that it is at z = 0. A static,
+    solid, visible, upright box on the floor becomes a wall, the first directional light the sun, a
+    panel as written by marker_model a marker on its wall, the pose of the one model with a plugin
+    that drives it the start; everything else becomes a body, one for all links connected by fixed
+    joints. Anything
     that cannot be converted is added to the report's `ignored`, an unreadable mesh to its `errors`,
     and an image or mesh that is only seen to what is `missing`. Raises nothing.
     """
@@ -84,6 +91,7 @@ class _Conversion:
         self._name = name
         self._ignored: list[Ignored] = []
         self._errors: list[SdfError] = []
+        self._told: list[str] = []
         self._missing: list[SdfError] = []
         self._files: dict[str, bytes] = {}
         self._materials: dict[str, dict[str, Any]] = {}
@@ -98,6 +106,7 @@ class _Conversion:
         self._bodies: list[dict[str, Any]] = []
         self._rooms: dict[str, Any] = {}
         self._ceiling: dict[str, Any] | None = None
+        self._floor = Floor()
         self._has_floor = False
         self._floor_material: str | None = None
         self._taken: set[str] = set()
@@ -105,7 +114,14 @@ class _Conversion:
 
     def run(self) -> ImportedWorld:
         markers = {model.name: model for model in self._sdf.models if "marker" in model.attributes}
-        for group in groups_of(self._sdf.links, markers):
+        start = self._start()
+        groups = tuple(groups_of(self._sdf.links, markers))
+        self._floor = floor_of(groups, (start["x_m"], start["y_m"]) if start else (0.0, 0.0))
+        if abs(self._floor.level_m) > FLOOR_M:
+            self._sdf = lowered(self._sdf, self._floor.level_m)
+            markers = {model.name: model for model in self._sdf.models if model.name in markers}
+            groups = tuple(groups_of(self._sdf.links, markers))
+        for group in groups:
             self._convert(group)
         found_markers = self._markers(markers)
         recipe: dict[str, Any] = {
@@ -117,6 +133,8 @@ class _Conversion:
             for key in ("height_m", "thickness_m"):
                 if wall[key] == recipe[f"wall_{key}"]:
                     del wall[key]
+        if start is not None:
+            recipe["start"] = start
         recipe |= self._map_and_places()
         recipe |= self._lights()
         recipe["materials"] = self._materials or {"plain": _look(None)}
@@ -138,9 +156,44 @@ class _Conversion:
                 "ignored": (*self._sdf.report.ignored, *self._ignored),
                 "errors": (*self._sdf.report.errors, *self._errors),
                 "missing": (*self._sdf.report.missing, *self._missing),
+                "floor": self._told_floor(),
+                "told": (*self._told, *self._floor.told),
             }
         )
         return ImportedWorld(recipe, self._files, report)
+
+    def _start(self) -> dict[str, float] | None:
+        """Take the one model that a plugin drives out of the world: the pose where it stands, for
+        our robot takes its place. None if there is no such model, or more than one.
+        """
+        drives: dict[str, str] = {}
+        for model in self._sdf.models:
+            if model.drive and not model.static:
+                drives.setdefault(model.name.partition("::")[0], model.drive)
+        for name, plugin in drives.items() if len(drives) > 1 else ():
+            self._told.append(
+                f"model {name} stands still as an obstacle: nothing drives it ({plugin})"
+            )
+        if len(drives) != 1:
+            return None
+        ((name, plugin),) = drives.items()
+        pose = next(one.world_from_model for one in self._sdf.models if one.name == name)
+        x_m, y_m = numbers(pose[:2, 3])
+        self._told.append(
+            f"model {name} is a robot ({plugin}): Mazebot's starts in its place, at "
+            f"({x_m:g}, {y_m:g})"
+        )
+        others = (one for one in self._sdf.links if one.model.partition("::")[0] != name)
+        self._sdf = replace(self._sdf, links=tuple(others))
+        return {"x_m": x_m, "y_m": y_m, "yaw_rad": number(math.atan2(pose[1, 0], pose[0, 0]))}
+
+    def _told_floor(self) -> str:
+        height_m = self._floor.level_m
+        if abs(height_m) <= FLOOR_M:
+            return ""
+        what = self._floor.slabs[0] if self._floor.slabs else "the ground plane"
+        moved = f"{'lowered' if height_m > 0.0 else 'raised'} by {abs(height_m):g} m"
+        return f"{what}, at z = {height_m:g} m: the world is {moved}"
 
     # Converts groups to walls, bodies, floor, rooms and ceiling
 
@@ -156,7 +209,10 @@ class _Conversion:
         is_wall = (
             group.static
             and group.links[0].attributes.get("kind") != "body"
-            and all(_is_wall(part, pose) for part, pose in zip(parts, poses, strict=True))
+            and all(
+                _is_wall(part, pose, self._floor.level_m)
+                for part, pose in zip(parts, poses, strict=True)
+            )
         )
         if is_wall:
             for part, pose in zip(parts, poses, strict=True):
@@ -188,19 +244,27 @@ class _Conversion:
             }
 
     def _is_floor(self, group: Group, part: Part) -> bool:
-        """Whether a part is the floor, or an infinite plane that cannot be simulated."""
-        pose = product(group.world_from_body, part.body_from_part)
-        level = pose[2, 2] > 1.0 - _ALIGNED and abs(pose[2, 3]) <= FLOOR_M and group.static
+        """Whether a part is the floor, is under it, or is an infinite plane that cannot be
+        simulated.
+        """
+        if part.solid and part.where in self._floor.slabs:
+            if part.visual is not None and part.where == self._floor.slabs[0]:
+                self._floor_material = self._material(part.visual)
+            return True
+        height_m = level_height(group, part) if group.static else None
+        on_floor = height_m is not None and abs(height_m) <= FLOOR_M
         if part.has_end:
             # A visual on a floor's collision defines the floor's material.
             is_floor = (
-                level
+                on_floor
                 and isinstance(part.geometry, doc.Plane)
                 and not part.solid
                 and any(not other.has_end for other in group.parts)
             )
-        elif level and not self._has_floor:
+        elif on_floor and not self._has_floor:
             is_floor = self._has_floor = True
+        elif height_m is not None and height_m < 0.0 and abs(self._floor.level_m) > FLOOR_M:
+            return True
         else:
             self._ignore("plane collision that is not the floor", part.where, solid=True)
             return part.visual is None
@@ -211,6 +275,9 @@ class _Conversion:
     def _wall(self, group: Group, part: Part, pose: Array, name: str) -> None:
         assert isinstance(part.geometry, doc.Box)
         length_m, thickness_m, height_m = part.geometry.size_m
+        if pose[2, 3] < height_m / 2.0 - FLOOR_M:
+            # Its foot is under the floor.
+            height_m = number(pose[2, 3] + height_m / 2.0)
         yaw_rad = math.atan2(pose[1, 0], pose[0, 0])
         if group.links[0].attributes.get("kind") != "wall" and thickness_m > length_m:
             length_m, thickness_m = thickness_m, length_m
@@ -541,15 +608,21 @@ class _Conversion:
 _MARKER_KEYS = ("dictionary", "size_m", "quiet_zone_modules")
 
 
-def _is_wall(part: Part, world_from_part: Array) -> bool:
-    return (
+def _is_wall(part: Part, world_from_part: Array, lowered_m: float) -> bool:
+    """Whether a part is an upright box on the floor, or one whose foot went under it as the world
+    was lowered.
+    """
+    if not isinstance(part.geometry, doc.Box):
+        return False
+    half_m = part.geometry.size_m[2] / 2.0
+    foot_m, top_m = world_from_part[2, 3] - half_m, world_from_part[2, 3] + half_m
+    return bool(
         part.solid
         and part.visual is not None
         and part.visual.attributes.get("material") != ""
-        and isinstance(part.geometry, doc.Box)
         and world_from_part[2, 2] > 0.0
-        and math.hypot(world_from_part[2, 0], world_from_part[2, 1]) <= _ALIGNED
-        and abs(world_from_part[2, 3] - part.geometry.size_m[2] / 2.0) <= FLOOR_M
+        and math.hypot(world_from_part[2, 0], world_from_part[2, 1]) <= ALIGNED
+        and -max(lowered_m, 0.0) - FLOOR_M <= foot_m <= FLOOR_M < top_m
     )
 
 

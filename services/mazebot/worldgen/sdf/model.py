@@ -90,6 +90,10 @@ class ImportReport(BaseModel):
     """Pictures and meshes of visuals that cannot be had: what collides stands without them."""
     unsolid: tuple[str, ...] = ()
     """Links with visuals and no collision."""
+    floor: str = ""
+    """What became the floor, and how the world was moved for that; empty: z = 0 is the floor."""
+    told: tuple[str, ...] = ()
+    """Other warnings."""
 
     def warnings(self) -> tuple[str, ...]:
         """What the world lacks and runs without, a line each, with numbers and the first names."""
@@ -114,7 +118,7 @@ class ImportReport(BaseModel):
             told = ", ".join(f"{one.what} ({one.where})" for one in solid[:_NAMED])
             more = f" and {len(solid) - _NAMED} more" if len(solid) > _NAMED else ""
             lines.append(f"collisions are not all as in Gazebo, for want of: {told}{more}")
-        return tuple(lines)
+        return (*lines, *self.told)
 
 
 _NAMED = 5
@@ -174,6 +178,8 @@ class SdfModel:
     static: bool
     world_from_model: Array
     attributes: dict[str, str] = field(default_factory=dict)
+    drive: str = ""
+    """The plugin that drives it, `plugin gz-sim-diff-drive-system`; empty: none does."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -51,7 +51,8 @@ def joined(
         _check_axes(joint, findings)
         if joint.joint_type != "fixed":
             findings.ignore(
-                f"joint {joint.full_name()} ({joint.joint_type or 'no type'}): its model is static",
+                f"joint {joint.full_name()} ({joint.joint_type or 'no type'}): is held still, "
+                "and its model with it",
                 joint.place,
             )
             for one in (joint, *(ends or ())):

@@ -25,7 +25,12 @@ from mazebot.worldgen.sdf.reading.poses import pose_of
 from mazebot.worldgen.sdf.reading.scope_tree import ScopeTree, allowed_name, light_name
 from mazebot.worldgen.sdf.reading.shapes import LACKING, ShapeReader, volume_m3
 from mazebot.worldgen.sdf.reading.sources import SourceError, Sources
-from mazebot.worldgen.sdf.reading.vocabulary import list_unread, own_attributes, own_texts
+from mazebot.worldgen.sdf.reading.vocabulary import (
+    drive_of,
+    list_unread,
+    own_attributes,
+    own_texts,
+)
 
 DEFAULT_DENSITY_KG_M3 = 1000.0
 """Default of the specification: water's."""
@@ -99,6 +104,7 @@ class _Resolver:
                 static=_is_static(model),
                 world_from_model=graph.world_from(model),
                 attributes=own_attributes(model.element or model.place),
+                drive=next((drive for at in _places_of(model) if (drive := drive_of(at))), ""),
             )
             for model in _held(world, "model")
         )
@@ -313,6 +319,11 @@ class _Resolver:
             self._shapes.optional(at, "ambient", values.colour, None),
             self._shapes.optional(at, "background", values.colour, None),
         )
+
+
+def _places_of(model: Item) -> tuple[Place, ...]:
+    """A model's element, and its <include>, if there is one."""
+    return (model.place,) if model.element is None else (model.element, model.place)
 
 
 def _is_noted(link: Item, shapes: Sequence[SdfShape]) -> bool:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 from mazebot.worldgen.sdf.model import MAZEBOT_NAMESPACE
 from mazebot.worldgen.sdf.reading.findings import Findings, Place, local_name
 
@@ -106,6 +108,9 @@ _ATTRIBUTES: dict[str, frozenset[str]] = {
     "pose": _words("relative_to frame degrees rotation_format"),
 }
 
+_DRIVE = re.compile("diffdrive|skidsteer|planarmove|ackermann|mecanumdrive|tricycledrive")
+"""Letters in the names of Gazebo's plugins, of any generation, that drive a robot."""
+
 NAMESPACES = (f"{{{MAZEBOT_NAMESPACE}}}", "mazebot:")
 """Prefixes of our own names, with a declared XML prefix and without."""
 
@@ -182,6 +187,15 @@ def described(place: Place) -> str:
     if element.get("type"):
         words.append(f"({element.get('type')})")
     return " ".join(words)
+
+
+def drive_of(model: Place) -> str:
+    """The plugin in an element that drives a robot on the floor; empty if there is none."""
+    for plugin in model.element.findall("plugin"):
+        names = f"{plugin.get('filename') or ''} {plugin.get('name') or ''}"
+        if _DRIVE.search(re.sub("[^a-z]", "", names.lower())):
+            return described(model.at(plugin))
+    return ""
 
 
 def _prefixed(place: Place) -> str:
