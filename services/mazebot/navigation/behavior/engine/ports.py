@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from mazebot.common.maths.frames import MAP_FRAME, SE2, yaw_from_quaternion
 from mazebot.navigation.behavior.context import COSTMAPS, CostmapName
 from mazebot.navigation.behavior.engine.script import read_script
 
@@ -138,6 +139,55 @@ def as_layers(value: object) -> tuple[str, ...]:
     return names
 
 
+_POSE = "stamp;map;x;y;z;qx;qy;qz;qw"
+_FIELDS = _POSE.count(";") + 1
+_UNIT = 1e-3
+"""The square of a unit quaternion's length may differ from 1 by this."""
+
+
+def as_pose(value: object) -> SE2:
+    """The pose in the map that a port holds, or the planar part of the one that it writes
+    `stamp;map;x;y;z;qx;qy;qz;qw`, as Nav2 does. Raises ValueError.
+    """
+    if isinstance(value, SE2):
+        return value
+    if not isinstance(value, str) or value.count(";") != _FIELDS - 1:
+        raise ValueError(f"must be a blackboard entry {{...}} or {_POSE} (got {value!r:.80})")
+    return _read_pose(value.split(";"))
+
+
+def as_poses(value: object) -> tuple[SE2, ...]:
+    """The poses in the map that a port holds, or that it writes as `as_pose` takes them, one after
+    the other. Raises ValueError.
+    """
+    if not isinstance(value, str):
+        if not isinstance(value, Sequence) or not all(isinstance(pose, SE2) for pose in value):
+            raise ValueError(f"must be poses (got {value!r:.80})")
+        return tuple(value)
+    fields = value.split(";")
+    if len(fields) % _FIELDS:
+        raise ValueError(
+            f"must be a blackboard entry {{...}}, or {_POSE} for each pose (got {value!r:.80})"
+        )
+    return tuple(
+        _read_pose(fields[first : first + _FIELDS]) for first in range(0, len(fields), _FIELDS)
+    )
+
+
+def _read_pose(fields: Sequence[str]) -> SE2:
+    written = ";".join(fields)
+    frame = fields[1].strip()
+    if frame not in ("", MAP_FRAME):
+        raise ValueError(f"frame {frame!r:.40}: must be {MAP_FRAME} or empty (got {written!r:.80})")
+    as_integer(fields[0])
+    x_m, y_m, z_m, qx, qy, qz, qw = map(as_number, fields[2:])
+    if not all(map(math.isfinite, (x_m, y_m, z_m))):
+        raise ValueError(f"x, y and z must be finite (got {written!r:.80})")
+    if not abs(qx * qx + qy * qy + qz * qz + qw * qw - 1.0) < _UNIT:
+        raise ValueError(f"qx;qy;qz;qw must be a unit quaternion (got {written!r:.80})")
+    return SE2(x_m, y_m, yaw_from_quaternion(qx, qy, qz, qw))
+
+
 READERS: dict[PortType, Callable[[object], object]] = {
     "text": str,
     "number": as_number,
@@ -151,8 +201,8 @@ READERS: dict[PortType, Callable[[object], object]] = {
     "any": str,
     "costmap": as_costmap,
     "layers": as_layers,
-    "pose": _on_the_blackboard,
-    "poses": _on_the_blackboard,
+    "pose": as_pose,
+    "poses": as_poses,
     "path": _on_the_blackboard,
 }
 """How the text of a literal is read, by the type of the port."""

@@ -23,6 +23,8 @@ from mazebot.navigation.behavior.engine.ports import (
     as_layers,
     as_natural,
     as_number,
+    as_pose,
+    as_poses,
     as_times,
 )
 from mazebot.navigation.behavior.engine.script import Script, ScriptError, read_script
@@ -323,19 +325,11 @@ class Node(ABC):
 
     def pose(self, port: str) -> SE2 | None:
         """Value of an input port that holds a pose in the map frame; None where there is none."""
-        value = self.get(port)
-        if value is not None and not isinstance(value, SE2):
-            raise TreeError(f"{self}, port {port!r}: must be a pose on the blackboard")
-        return value
+        return None if self.get(port) is None else self._read(port, as_pose)
 
     def poses(self, port: str) -> tuple[SE2, ...]:
         """Value of an input port that holds poses; empty where there are none."""
-        value = self.get(port)
-        if value is None:
-            return ()
-        if not isinstance(value, Sequence) or not all(isinstance(pose, SE2) for pose in value):
-            raise TreeError(f"{self}, port {port!r}: must be poses on the blackboard")
-        return tuple(value)
+        return () if self.get(port) is None else self._read(port, as_poses)
 
     def path(self, port: str) -> PlannedPath | None:
         """Value of an input port that holds a path; None where there is none."""
