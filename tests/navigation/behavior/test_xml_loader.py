@@ -124,6 +124,10 @@ def test_the_default_trees_are_read_without_a_word(path: Path) -> None:
             "t.xml:3: Fly is not a known node; t.xml:3: Dance is not a known node",
         ),
         (
+            document('<RecoveryNode number_of_retries="-1"><Wait/><Wait/></RecoveryNode>'),
+            "t.xml:1: RecoveryNode, port 'number_of_retries': must be at least 0 (got '-1')",
+        ),
+        (
             document("<IfThenElse><Wait/></IfThenElse>"),
             "t.xml:1: IfThenElse has 1 children: must have 2 to 3",
         ),

@@ -25,6 +25,7 @@ from mazebot.navigation.behavior.actions import (
 )
 from mazebot.navigation.behavior.context import NavigationContext
 from mazebot.navigation.behavior.docking.docking import DockingParams
+from mazebot.navigation.behavior.engine.running_actions import RunningActions
 from mazebot.navigation.behavior.engine.tree import BehaviorTree, Ending, NodeSnapshot
 from mazebot.navigation.behavior.motions.motion import BehaviorServerParams
 from mazebot.navigation.behavior.nodes.node_kinds import is_own
@@ -335,20 +336,24 @@ class BtNavigator:
         self._check(request)
         return self._navigate(request)
 
-    def _navigate(self, request: NavigateToPose) -> TreeTask:
+    def _navigate(self, request: NavigateToPose, actions: RunningActions | None = None) -> TreeTask:
         path = request.behavior_tree or self._params.bt_navigator.default_nav_to_pose_bt_xml
-        return self._tree_task(request, path, ErrorCode.FAILED_TO_LOAD_BEHAVIOR_TREE)
+        return self._tree_task(request, path, ErrorCode.FAILED_TO_LOAD_BEHAVIOR_TREE, actions)
 
-    def _navigate_to(self, pose: SE2) -> TreeTask:
-        return self._navigate(NavigateToPose(pose))
+    def _navigate_to(self, pose: SE2, actions: RunningActions) -> TreeTask:
+        return self._navigate(NavigateToPose(pose), actions)
 
     def _tree_task(
-        self, request: NavigateToPose | NavigateThroughPoses, path: str, code: ErrorCode
+        self,
+        request: NavigateToPose | NavigateThroughPoses,
+        path: str,
+        code: ErrorCode,
+        actions: RunningActions | None = None,
     ) -> TreeTask:
         try:
             return TreeTask(
                 request, self._file(tree_path(path)), self._context, self._task_params,
-                self._navigate_to,
+                self._navigate_to, actions,
             )  # fmt: skip
         except ConfigError as error:
             raise NavigationError(code, str(error)) from None

@@ -140,8 +140,8 @@ class BatteryCharge:
 class NavigationContext(Protocol):
     """The robot as behaviours see it. Poses are in the map frame unless their name gives another.
 
-    The caller ticks a tree once each control period. In each period at most one of `control`,
-    `drive` and `stop` decides the command; where none was called, the robot is to be stopped.
+    The caller ticks a tree once each control period. In each period the last call of `control`,
+    `drive` or `stop` decides the command; where there was none, the robot is to be stopped.
     Failures are NavigationErrors with Nav2's codes, whose text names the cause and the place.
     """
 

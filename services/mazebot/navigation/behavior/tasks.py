@@ -19,6 +19,7 @@ from mazebot.navigation.behavior.actions import (
 from mazebot.navigation.behavior.context import NavigationContext
 from mazebot.navigation.behavior.docking.docking import DockingParams, DockState
 from mazebot.navigation.behavior.engine.blackboard import Blackboard
+from mazebot.navigation.behavior.engine.running_actions import RunningActions
 from mazebot.navigation.behavior.engine.tree import (
     BehaviorTree,
     Ending,
@@ -84,7 +85,8 @@ class TreeTask:
         file: TreeFile,
         context: NavigationContext,
         params: TaskParams,
-        navigate: Callable[[SE2], Errand] | None = None,
+        navigate: Callable[[SE2, RunningActions], Errand] | None = None,
+        actions: RunningActions | None = None,
     ) -> None:
         self._action = request.action
         self._unknown = (
@@ -106,6 +108,7 @@ class TreeTask:
                 docking=params.docking,
                 control_period_s=params.control_period_s,
                 navigate=navigate,
+                actions=actions or RunningActions(),
             ),
             Blackboard(),
         )

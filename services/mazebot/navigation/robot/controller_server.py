@@ -199,6 +199,8 @@ class ControllerServer:
 
         Raises NavigationError with a code of FollowPath (100s).
         """
+        if self.followed is None:
+            raise NavigationError(ErrorCode.INVALID_PATH, "no path to follow: it was dropped")
         params, pose = self.params, around.map_from_base
         elapsed_s = (view.now_ns - self._controlled_ns) * 1e-9
         # A late step is followed by one in time: less than a period after it.

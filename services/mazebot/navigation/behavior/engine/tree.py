@@ -4,6 +4,7 @@ BehaviorTree.CPP 4.
 
 from __future__ import annotations
 
+import logging
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -27,10 +28,13 @@ from mazebot.navigation.behavior.engine.ports import (
     as_poses,
     as_times,
 )
+from mazebot.navigation.behavior.engine.running_actions import RunningActions
 from mazebot.navigation.behavior.engine.script import Script, ScriptError, read_script
 from mazebot.navigation.behavior.motions.motion import BehaviorServerParams, Motion
+from mazebot.navigation.control.collision import STOP, Velocity
 from mazebot.navigation.planning.path import PlannedPath, dense
 
+_LOG = logging.getLogger("navigation")
 T = TypeVar("T")
 
 
@@ -106,8 +110,10 @@ class TreeRun:
     docking: DockingParams = field(default_factory=DockingParams)
     control_period_s: float = 0.05
     """Time between two ticks: over it a behaviour may change its speeds at its first step."""
-    navigate: Callable[[SE2], Errand] | None = None
-    """Begins a NavigateToPose by its default tree, for actions that drive somewhere first."""
+    navigate: Callable[[SE2, RunningActions], Errand] | None = None
+    """Begins a NavigateToPose by its default tree, among the actions that run, for actions that
+    drive somewhere first.
+    """
     tick_number: int = 0
     number_of_recoveries: int = 0
     plans: int = 0
@@ -120,6 +126,44 @@ class TreeRun:
     """The newest state of DockRobot."""
     failures: list[Failure] = field(default_factory=list)
     """The newest failure of each action."""
+    actions: RunningActions = field(default_factory=RunningActions)
+    """Those that run."""
+    _commander: tuple[int, Node | None] = (-1, None)
+    """The node whose command holds, and the tick in which it was given."""
+    _told_of_two: bool = False
+
+    def drive(self, node: Node, velocity: Velocity) -> None:
+        """Command a velocity for this tick. A stop gives way to the command of another node."""
+        if velocity != STOP:
+            self.commands(node)
+        elif self._other(node) is not None:
+            return
+        else:
+            self.releases(node)
+        self.context.drive(velocity)
+
+    def commands(self, node: Node) -> None:
+        """Note that from now on a node's command holds in this tick; warn, once, where another node
+        has given one.
+        """
+        other = self._other(node)
+        if other is not None and not self._told_of_two:
+            self._told_of_two = True
+            _LOG.warning(
+                "%s and %s drive the robot at once: it obeys the one that is ticked last",
+                other, node,
+            )  # fmt: skip
+        self._commander = (self.tick_number, node)
+
+    def releases(self, node: Node) -> None:
+        """Note that a node has ended its command."""
+        if self._commander[1] is node:
+            self._commander = (-1, None)
+
+    def _other(self, node: Node) -> Node | None:
+        """The other node whose command holds in this tick."""
+        tick_number, commander = self._commander
+        return commander if tick_number == self.tick_number and commander is not node else None
 
     def failed(self, action: str, code: int, message: str) -> None:
         """Remember a failure of an action."""

@@ -171,7 +171,7 @@ class RecoveryNode(Control):
     chosen by a failure that has been overcome.
     """
 
-    ports = (Port("number_of_retries", "integer", "1"),)
+    ports = (Port("number_of_retries", "natural", "1"),)
     fewest_children = most_children = 2
 
     def __init__(self, place: NodePlace, children: Sequence[Node] = ()) -> None:
@@ -187,7 +187,7 @@ class RecoveryNode(Control):
                 status = main.tick(now_ns)
                 if status is RUNNING:
                     return RUNNING
-                if status is not FAILURE or self._retries >= self.integer("number_of_retries"):
+                if status is not FAILURE or self._retries >= self.natural("number_of_retries"):
                     return self._end(status)
                 main.halt()
                 self._recovering = True

@@ -115,9 +115,10 @@ ACTIONS: Final[Mapping[str, type[Node]]] = MappingProxyType(
         "AppendGoalPoseToGoals": nodes_goals.AppendGoalPoseToGoals,
         "AssistedTeleop": nodes_behaviors.AssistedTeleopNode,
         "BackUp": nodes_behaviors.BackUpNode,
+        "CancelControl": nodes_control.cancels("FollowPath"),
         **{
-            f"Cancel{what}": nodes_control.CancelControl
-            for what in ("AssistedTeleop", "BackUp", "Control", "DriveOnHeading", "Spin", "Wait")
+            f"Cancel{action}": nodes_control.cancels(action)
+            for action in ("AssistedTeleop", "BackUp", "DriveOnHeading", "Spin", "Wait")
         },
         "CheckPoseOccupancy": nodes_conditions.CheckPoseOccupancy,
         "CheckStopStatus": nodes_conditions.CheckStopStatus,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from abc import abstractmethod
 from dataclasses import replace
 
@@ -30,6 +31,7 @@ from mazebot.navigation.behavior.nodes.nodes_action import ACTION_PORTS, ActionN
 from mazebot.navigation.control.collision import STOP
 from mazebot.navigation.errors import NavigationError
 
+_LOG = logging.getLogger("navigation")
 RUNNING, SUCCESS = NodeStatus.RUNNING, NodeStatus.SUCCESS
 _ALLOWANCE = Port("time_allowance", "number", "10.0")
 _UNCHECKED = Port("disable_collision_checks", "flag", "false")
@@ -59,15 +61,18 @@ class MotionNode(ActionNode):
         if step.done:
             self._cancel()
             return SUCCESS
-        self.context.drive(step.velocity)
+        run.drive(self, step.velocity)
         return RUNNING
 
     def _fail(self, code: int, message: str) -> None:
         super()._fail(code, message + self.where())
 
     def _cancel(self) -> None:
-        self._motion = self.place.run.running_motion = None
-        self.context.stop()
+        run = self.place.run
+        if run.running_motion is self._motion:
+            run.running_motion = None
+        self._motion = None
+        run.drive(self, STOP)
 
     @abstractmethod
     def _make(self) -> Motion:
@@ -148,7 +153,10 @@ class WaitNode(MotionNode):
     ports = (Port("wait_duration", "number", "1.0"), *ACTION_PORTS)
 
     def _make(self) -> Motion:
-        return Wait(self.number("wait_duration"))
+        seconds = self.number("wait_duration")
+        if seconds < 0.0:
+            _LOG.warning("%s: wait_duration is %g: waits for %g s", self, seconds, -seconds)
+        return Wait(abs(seconds))
 
 
 class AssistedTeleopNode(MotionNode):
@@ -262,10 +270,10 @@ class DockRobotNode(ActionNode):
         run.docking_step = step
         self.put("num_retries", step.num_retries)
         if step.done:
-            context.stop()
+            run.drive(self, STOP)
             self.put("success", True)
             return SUCCESS
-        context.drive(step.velocity)
+        run.drive(self, step.velocity)
         return RUNNING
 
     def _sightings(self, now_ns: int) -> tuple[MarkerPose, ...]:
@@ -299,10 +307,10 @@ class DockRobotNode(ActionNode):
                 f"failed to reach the staging pose within {self.number('max_staging_time'):.0f} s",
             )
         if self._way is None:
-            navigate = self.place.run.navigate
-            if navigate is None:
+            run = self.place.run
+            if run.navigate is None:
                 raise TreeError(f"{self}: no navigator to drive to the staging pose")
-            self._way = navigate(staging)
+            self._way = run.navigate(staging, run.actions)
         ending = self._way.step(now_ns)
         if ending is None:
             return False
@@ -317,7 +325,7 @@ class DockRobotNode(ActionNode):
         if self._way is not None:
             self._way.halt()
         self._way = None
-        self.context.stop()
+        self.place.run.drive(self, STOP)
 
     def _cancel(self) -> None:
         run = self.place.run
@@ -347,19 +355,20 @@ class UndockRobotNode(ActionNode):
 
     def _on_running(self, now_ns: int) -> NodeStatus:
         assert self._undocker is not None
+        run = self.place.run
         step = self._undocker.step(
             now_ns,
-            self.place.run.control_period_s,
+            run.control_period_s,
             self.context.odom_from_base(),
             self.context.time_to_collision,
         )
         if step.done:
-            self.context.stop()
+            run.drive(self, STOP)
             self.put("success", True)
             return SUCCESS
-        self.context.drive(step.velocity)
+        run.drive(self, step.velocity)
         return RUNNING
 
     def _cancel(self) -> None:
         self._undocker = None
-        self.context.stop()
+        self.place.run.drive(self, STOP)

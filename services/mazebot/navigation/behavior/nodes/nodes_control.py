@@ -62,22 +62,34 @@ class FollowPath(ActionNode):
         self.place.run.tracking = feedback
         self.put("tracking_feedback", feedback)
         if not feedback.reached:
+            self.place.run.commands(self)
             return RUNNING
         self.context.stop()
         return SUCCESS
 
     def _cancel(self) -> None:
+        self.place.run.releases(self)
         self.context.stop()
 
+    def _hand_over(self) -> None:
+        # The controller goes over to the other path in motion.
+        self.place.run.releases(self)
 
-class CancelControl(Node):
-    """Stops the robot; every other `Cancel...` node does the same."""
+
+class Cancel(Node):
+    """Ends what runs of an action, whose node then succeeds."""
 
     ports = SERVER_PORTS
+    action: ClassVar[str]
 
     def _tick(self, now_ns: int) -> NodeStatus:
-        self.context.stop()
+        self.place.run.actions.cancel(self.action)
         return SUCCESS
+
+
+def cancels(action: str) -> type[Cancel]:
+    """The node that cancels an action."""
+    return type(f"Cancel{action}", (Cancel,), {"action": action, "__doc__": f"Cancels {action}."})
 
 
 class ClearEntireCostmap(ActionNode):
