@@ -16,7 +16,7 @@ from mazebot.common.nav2_params.parameter import Value, check, typed
 from mazebot.common.nav2_params.parameter_tree import tree_of
 from mazebot.common.nav2_params.renames import NODE_RENAMES
 from mazebot.common.nav2_params.tables.nodes import NODES
-from mazebot.common.nav2_params.today import class_of_today, rename_entries
+from mazebot.common.nav2_params.today import rename_entries, value_of_today
 from mazebot.common.nav2_params.wildcards import chosen, claims_of
 from mazebot.common.nav2_params.yaml_leaves import Leaf, is_pattern, read_leaves
 
@@ -94,7 +94,7 @@ def _nodes(leaves: Sequence[Leaf], replaced: Sequence[Leaf]) -> dict[str, NodeEn
             notes.append(f"duplicate of line {first.line}, {first.value!r:.40}: the last is used")
         notes += [note for note in (leaf.repeated, claim.lost) if note]
         entry = Entry(
-            leaf, claim.node, leaf.name, class_of_today(leaf),
+            leaf, claim.node, leaf.name, value_of_today(leaf),
             "gone" if claim.lost else "parameter", renamed=bool(until), note="; ".join(notes),
         )  # fmt: skip
         nodes.setdefault(claim.node, NodeEntries()).entries.append(entry)

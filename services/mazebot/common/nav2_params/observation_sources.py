@@ -12,8 +12,8 @@ from mazebot.common.nav2_params.parameter import Value
 
 _KIND = "LaserScan"
 _TOPIC = "scan"
-_FILLED_IN = ("$(", "<robot_namespace>")
-"""By launch files; the second by that for several robots."""
+_FILLED_IN = "$("
+"""By a launch file."""
 _NAV2_DOES = {"marking": True, "clearing": False}
 """Nav2's defaults."""
 _DOES = {"marking": "marks", "clearing": "clears"}
@@ -32,7 +32,7 @@ def lidars(listed: Sequence[str], prefix: str, values: Mapping[str, Value]) -> l
     def stated(source: str, name: str, default: str) -> str:
         # Without one, or where a launch file fills it in, it is Nav2's default.
         given = str(values.get(f"{prefix}{source}.{name}") or default)
-        return default if any(word in given for word in _FILLED_IN) else given
+        return default if _FILLED_IN in given else given
 
     return [
         one

@@ -18,17 +18,34 @@ from mazebot.common.nav2_params.renames import CLASS_RENAMES, RENAMES, UNCHANGED
 from mazebot.common.nav2_params.tables.nodes import NODES
 from mazebot.common.nav2_params.yaml_leaves import Leaf
 
+_NAMESPACE = "<robot_namespace>"
+"""What Nav2's launch files for several robots replace by the namespace of one."""
 
-def class_of_today(leaf: Leaf) -> Value:
-    """The value; of a plugin, its class as it is written and named today."""
+
+def value_of_today(leaf: Leaf) -> Value:
+    """The value; of a plugin, its class as it is written and named today; of a topic, its name
+    within the node's namespace.
+    """
     last = leaf.name.rpartition(".")[2]
-    if last not in {"plugin", "primary_controller"} or not isinstance(leaf.value, str):
+    if not isinstance(leaf.value, str):
+        return leaf.value
+    if "topic" in last.split("_"):
+        return _within_namespace(leaf.value, leaf.namespace)
+    if last not in {"plugin", "primary_controller"}:
         return leaf.value
     name = leaf.value.replace("/", "::")
     for old, new in CLASS_RENAMES.items():
         if name.startswith(old):
             return new + name.removeprefix(old)
     return name
+
+
+def _within_namespace(topic: str, namespace: str) -> str:
+    """A topic without the node's namespace, or what launch files replace by it."""
+    for prefix in (_NAMESPACE, f"/{_NAMESPACE}", namespace):
+        if prefix and topic.startswith(f"{prefix}/"):
+            return topic.removeprefix(f"{prefix}/")
+    return topic
 
 
 def rename_entries(node_name: str, node: NodeEntries) -> None:

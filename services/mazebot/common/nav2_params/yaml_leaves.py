@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import sys
 from collections.abc import Iterator
@@ -35,6 +36,8 @@ class Leaf:
     """From 1."""
     repeated: str = ""
     """Where it stands below a key that is repeated and not the last of these: a note of it."""
+    namespace: str = ""
+    """That of the node, `/robot1`; of the doubled costmap nodes the one of both."""
 
 
 def read_leaves(text: str, name: str) -> tuple[list[Leaf], list[Leaf]]:
@@ -88,13 +91,15 @@ def _nodes(node: yaml.Node, path: str, name: str, depth: int, repeated: str = ""
                 raise ConfigError(f"{name}:{value.start_mark.line + 1}: {_PARAMETERS}: {reason}")
             own = path.rpartition("/")[2]
             owner = path if own in _WILDCARDS else own
+            namespace = path.removesuffix(f"/{own}").removesuffix(f"/{own}")
             if not isinstance(value, yaml.MappingNode):
                 if _is_nothing(value):
                     continue
                 line = value.start_mark.line + 1
                 reason = f"{_PARAMETERS}: must be a mapping of names to values"
                 raise ConfigError(f"{name}:{line}: {path.lstrip('/')}: {reason}")
-            yield from _leaves(value, owner, "", name, depth + 1, again)
+            for leaf in _leaves(value, owner, "", name, depth + 1, again):
+                yield dataclasses.replace(leaf, namespace=namespace)
         elif _is_nothing(value):
             continue
         else:
