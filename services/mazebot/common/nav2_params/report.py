@@ -336,6 +336,11 @@ def _missing_class(entry: Entry) -> str:
     return f"{entry.value} is not supported" if kind is None else kind.note
 
 
+def _is_always(entry: Entry) -> bool:
+    """Whether there is always a plugin of the entry's class here."""
+    return entry.group is not None and any(entry.value in alike for alike in entry.group.always)
+
+
 def _structure(entry: Entry, row: Row, taken: Iterable[str]) -> Row:
     """A list of plugins, or the class of one, is used where a parameter of such a plugin is."""
     if row.status != "unsupported":
@@ -361,6 +366,9 @@ def _structure(entry: Entry, row: Row, taken: Iterable[str]) -> Row:
         listed = entry.value.split() if isinstance(entry.value, str) else entry.value or []
         spaces = [".".join(filter(None, (entry.node, above, one))) + "." for one in listed]
     used = any(name.startswith(space) for space in spaces for name in taken)
+    if not used and entry.knowledge == "plugin" and _is_always(entry):
+        note = joined_notes(row.note, "there is always one here")
+        return dataclasses.replace(row, status="used", note=note)
     if not used:
         note = row.note if row.note != "has no setting here" else ""
         return dataclasses.replace(row, note=joined_notes(note, "none of their parameters is used"))

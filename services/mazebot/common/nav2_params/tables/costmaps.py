@@ -47,6 +47,15 @@ enabled bool true * =- !true
 """,
 )
 
+_NO_STATIC = namespace(
+    "static_layer",
+    """
+- map_topic map_subscribe_transient_local enabled subscribe_to_updates transform_tolerance
+- footprint_clearing_enabled restore_cleared_footprint
+""",
+    note="the local costmap is without the map here",
+)
+
 _INFLATION = namespace(
     "inflation_layer",
     """
@@ -88,30 +97,34 @@ _CONTAINER = namespace(
     note="layers cannot be nested",
 )
 
-_GROUPS = (
-    Group(
-        "plugins",
-        {
-            "StaticLayer": _STATIC, "ObstacleLayer": _OBSTACLE, "VoxelLayer": _VOXEL,
-            "InflationLayer": _INFLATION, "LegacyInflationLayer": _INFLATION,
-            "DenoiseLayer": _DENOISE, "RangeSensorLayer": _RANGE,
-            "PluginContainerLayer": _CONTAINER,
-        },
-        defaults={
-            "static_layer": "StaticLayer",
-            "obstacle_layer": "ObstacleLayer",
-            "inflation_layer": "InflationLayer",
-        },
-        last="InflationLayer",
-        always=(
-            ("ObstacleLayer", "VoxelLayer"), ("InflationLayer", "LegacyInflationLayer"),
+_ALWAYS = (("ObstacleLayer", "VoxelLayer"), ("InflationLayer", "LegacyInflationLayer"))
+
+
+def _groups(static: Namespace, always: tuple[tuple[str, ...], ...]) -> tuple[Group, ...]:
+    return (
+        Group(
+            "plugins",
+            {
+                "StaticLayer": static, "ObstacleLayer": _OBSTACLE, "VoxelLayer": _VOXEL,
+                "InflationLayer": _INFLATION, "LegacyInflationLayer": _INFLATION,
+                "DenoiseLayer": _DENOISE, "RangeSensorLayer": _RANGE,
+                "PluginContainerLayer": _CONTAINER,
+            },
+            defaults={
+                "static_layer": "StaticLayer",
+                "obstacle_layer": "ObstacleLayer",
+                "inflation_layer": "InflationLayer",
+            },
+            last="InflationLayer",
+            always=always,
         ),
-    ),
-    Group("filters", {"KeepoutFilter": _KEEPOUT, "SpeedFilter": _SPEED, "BinaryFilter": _BINARY}),
-)  # fmt: skip
+        Group(
+            "filters", {"KeepoutFilter": _KEEPOUT, "SpeedFilter": _SPEED, "BinaryFilter": _BINARY}
+        ),
+    )  # fmt: skip
 
 
-def _costmap(name: str, frame: str, size: str) -> Namespace:
+def _costmap(name: str, frame: str, size: str, groups: tuple[Group, ...]) -> Namespace:
     rows = f"""{size}
 footprint_padding double 0.01 >=0
 footprint polygon [] * =- # the footprint is that of the waffle
@@ -125,8 +138,12 @@ filters strings [] * =-
 - lethal_cost_threshold unknown_cost_value trinary_costmap inscribed_obstacle_cost_value
 - use_maximum map_vis_z
 """
-    return namespace(f"navigation.{name}", rows, _GROUPS)
+    return namespace(f"navigation.{name}", rows, groups)
 
 
-LOCAL_COSTMAP = _costmap("local_costmap", "odom", "width int 5 >=1\nheight int 5 >=1")
-GLOBAL_COSTMAP = _costmap("global_costmap", "map", "- width height")
+LOCAL_COSTMAP = _costmap(
+    "local_costmap", "odom", "width int 5 >=1\nheight int 5 >=1", _groups(_NO_STATIC, _ALWAYS)
+)
+GLOBAL_COSTMAP = _costmap(
+    "global_costmap", "map", "- width height", _groups(_STATIC, (("StaticLayer",), *_ALWAYS))
+)
