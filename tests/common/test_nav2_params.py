@@ -645,7 +645,7 @@ def _all_rows() -> list[tuple[str, Parameter]]:
     def visit(space: Namespace, place: str) -> None:
         found.extend((place, row) for row in space.parameters.values())
         for group in space.groups:
-            for child in group.kinds.values():
+            for child in filter(None, (*group.kinds.values(), group.others)):
                 visit(child, f"{place}.{child.place}")
 
     for node in NODES.values():

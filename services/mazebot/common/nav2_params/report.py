@@ -17,6 +17,7 @@ from mazebot.common.nav2_params.tables.every_node import EVERY_NODE
 from mazebot.common.nav2_params.tables.nodes import NODES
 from mazebot.common.nav2_params.targets import (
     CONVERSIONS,
+    LIMITS,
     NOT_TAKEN,
     SAME_MEANING,
     Models,
@@ -81,8 +82,7 @@ def report(params: Nav2Params, models: Models) -> Report:
     settings: dict[str, dict[str, Value]] = {}
     owners: dict[str, tuple[Value, str]] = {}
     entries = params.entries
-    # The lists first: the switch of one that is listed may be off.
-    order = sorted(range(len(entries)), key=lambda at: not _is_switch(entries[at]))
+    order = sorted(range(len(entries)), key=lambda at: _turn_of(entries[at]))
     done = {at: _row(params.name, entries[at], models, settings, owners) for at in order}
     rows = [done[at] for at in range(len(entries))]
     for entry in entries:
@@ -202,6 +202,8 @@ def _row(
     if entry.parameter is None or not entry.parameter.whole:
         taken, why = _nearest(file, row, field, converted)
     before = owners.setdefault(path, (taken, row.now))
+    if before[0] != taken and _is_limit(entry):
+        return dataclasses.replace(row, note=joined_notes(row.note, f"{before[1]} is lower"))
     if before[0] != taken:
         note = joined_notes(row.note, f"{path} is already set by {before[1]}")
         return dataclasses.replace(row, note=note, differs=True)
@@ -210,9 +212,26 @@ def _row(
         return dataclasses.replace(row, status=status, setting=path)
     note = joined_notes(row.note, f"converted to {taken!r}{why}")
     same = entry.parameter is not None and entry.parameter.conversion in SAME_MEANING
+    # A limit in the other direction has the other sign.
+    same |= _is_limit(entry) and taken == -value
     return dataclasses.replace(
         row, status="mapped", setting=path, note=note, differs=bool(why) or not same
     )
+
+
+def _turn_of(entry: Entry) -> tuple[int, float]:
+    """When the entry is read. The lists first: the switch of one that is listed may be off. Of
+    limits the lowest first: it counts.
+    """
+    if _is_switch(entry):
+        return 0, 0.0
+    if _is_limit(entry) and isinstance(entry.value, float):
+        return 2, abs(entry.value)
+    return 1, 0.0
+
+
+def _is_limit(entry: Entry) -> bool:
+    return entry.parameter is not None and entry.parameter.conversion in LIMITS
 
 
 def _section(entry: Entry) -> str:

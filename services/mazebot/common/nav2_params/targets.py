@@ -55,6 +55,11 @@ CONVERSIONS: Mapping[str, Callable[[Value], Value]] = MappingProxyType(
         "max_accel": lambda accel: min(accel, waffle.MAX_LINEAR_ACCELERATION_M_S2),
         "min_accel": lambda accel: max(accel, -waffle.MAX_LINEAR_ACCELERATION_M_S2),
         "max_turn_accel": lambda accel: min(accel, waffle.MAX_ANGULAR_ACCELERATION_RAD_S2),
+        "speed_limit": lambda speed: None if speed < 0 else min(speed, waffle.MAX_LINEAR_M_S),
+        "backward_limit": lambda speed: -min(speed, waffle.MAX_LINEAR_M_S),
+        "turn_limit": lambda speed: min(speed, waffle.MAX_ANGULAR_RAD_S),
+        "accel_limit": lambda accel: min(accel, waffle.MAX_LINEAR_ACCELERATION_M_S2),
+        "turn_accel_limit": lambda accel: min(abs(accel), waffle.MAX_ANGULAR_ACCELERATION_RAD_S2),
         "most_velocity": lambda each: _within(
             each, waffle.MAX_LINEAR_M_S, waffle.MAX_ANGULAR_RAD_S
         ),
@@ -74,6 +79,10 @@ SAME_MEANING = frozenset(
     {"lidar_max_range", "lidar_min_range", "no_limit", "whole_path", "smoothing"}
 )
 """The conversions to values that do here what those of Nav2 do there."""
+LIMITS = frozenset(
+    {"speed_limit", "backward_limit", "turn_limit", "accel_limit", "turn_accel_limit"}
+)
+"""The conversions of limits of which several may have the same setting: the lowest counts."""
 _LEAST = 1e-3
 """What is nearest to a bound that is not a value itself, in any unit."""
 

@@ -60,11 +60,13 @@ _DWB = namespace(
     "mppi",
     f"""
 max_vel_x double 0.0 >=0 =vx_max:max_speed # {_LIMITED}
+max_speed_xy double 0.0 * =/controller_server.max_linear_vel:speed_limit # {_LIMITED}
 max_vel_theta double 0.0 >=0 =wz_max:max_turn # {_LIMITED}
 acc_lim_x double 0.0 >=0 =ax_max:max_accel # {_LIMITED}
 decel_lim_x double 0.0 <=0 =ax_min:min_accel # {_LIMITED}
-acc_lim_theta double 0.0 >=0 =az_max:max_turn_accel # {_LIMITED}
-- min_vel_x decel_lim_theta min_vel_y max_vel_y acc_lim_y decel_lim_y min_speed_xy max_speed_xy
+acc_lim_theta double 0.0 >=0 =az_max:turn_accel_limit # {_LIMITED}
+decel_lim_theta double 0.0 <=0 =az_max:turn_accel_limit # {_LIMITED}
+- min_vel_x min_vel_y max_vel_y acc_lim_y decel_lim_y min_speed_xy
 - min_speed_theta debug_trajectory_details vx_samples vy_samples vtheta_samples sim_time
 - sim_granularity time_granularity discretize_by_time linear_granularity angular_granularity
 - include_last_point limit_vel_cmd_in_traj trajectory_generator_name goal_checker_name
@@ -86,17 +88,25 @@ acc_lim_theta double 0.0 >=0 =az_max:max_turn_accel # {_LIMITED}
 _OTHERS = namespace(
     "mppi",
     f"""
-max_vel_x double - >=0 =vx_max:max_speed # {_LIMITED}
-max_linear_vel double - >=0 =vx_max:max_speed # {_LIMITED}
-desired_linear_vel double - >=0 =vx_max:max_speed # {_LIMITED}
-max_vel_theta double - >=0 =wz_max:max_turn # {_LIMITED}
-max_angular_vel double - >=0 =wz_max:max_turn # {_LIMITED}
-acc_lim_x double - >=0 =ax_max:max_accel # {_LIMITED}
-acc_lim_theta double - >=0 =az_max:max_turn_accel # {_LIMITED}
+max_vel_x double - >=0 =vx_max:speed_limit # {_LIMITED}
+max_linear_vel double - >=0 =vx_max:speed_limit # {_LIMITED}
+desired_linear_vel double - >=0 =vx_max:speed_limit # {_LIMITED}
+max_vel_x_backwards double - >=0 =vx_min:backward_limit # {_LIMITED}
+max_trans_vel double - * =/controller_server.max_linear_vel:speed_limit # {_LIMITED}
+max_vel_trans double - * =/controller_server.max_linear_vel:speed_limit # {_LIMITED}
+max_speed_xy double - * =/controller_server.max_linear_vel:speed_limit # {_LIMITED}
+max_vel_theta double - >=0 =wz_max:turn_limit # {_LIMITED}
+max_angular_vel double - >=0 =wz_max:turn_limit # {_LIMITED}
+max_rot_vel double - >=0 =wz_max:turn_limit # {_LIMITED}
+rotate_to_heading_angular_vel double - >=0 =:turn_limit # {_LIMITED}
+acc_lim_x double - >=0 =ax_max:accel_limit # {_LIMITED}
+max_linear_accel double - >=0 =ax_max:accel_limit # {_LIMITED}
+acc_lim_theta double - >=0 =az_max:turn_accel_limit # {_LIMITED}
+max_angular_accel double - >=0 =az_max:turn_accel_limit # {_LIMITED}
 """,
 )
-"""The limits of controllers that are none of Nav2's own, such as teb_local_planner and
-vector_pursuit_controller: the robot must not be faster than it was told."""
+"""The limits of controllers that are none of Nav2's own, such as teb_local_planner,
+neo_local_planner2 and vector_pursuit_controller: the robot must not be faster than it was told."""
 
 _SHIM = namespace(
     "rotation_shim",
