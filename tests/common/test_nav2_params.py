@@ -646,7 +646,7 @@ def _all_rows() -> list[tuple[str, Parameter]]:
         found.extend((place, row) for row in space.parameters.values())
         for group in space.groups:
             for child in filter(None, (*group.kinds.values(), group.others)):
-                visit(child, f"{place}.{child.place}")
+                visit(child, f"{place}.{child.place}".rstrip("."))
 
     for node in NODES.values():
         visit(node, node.place)
@@ -706,7 +706,7 @@ controller_server:
     FollowPath:
       plugin: nav2_rotation_shim_controller::RotationShimController
       primary_controller: PRIMARY
-      angular_dist_threshold: 0.785
+      forward_sampling_distance: 0.5
       VALUE
 """
 

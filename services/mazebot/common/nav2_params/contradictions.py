@@ -50,12 +50,10 @@ def contradictions(
     server = tree.get("controller_server", {})
     # Nav2 does not read the parameters of one that is not listed.
     for space in server.get("controller_plugins") or []:
-        inner = server.get(space) or {}
-        classes = {short_class(inner.get(key)) for key in _CLASSES} if _is_space(inner) else set()
-        if "MPPIController" in classes:
+        for path, inner in _controllers(space, server.get(space)):
             period = 1.0 / server["controller_frequency"]
-            if period > inner["model_dt"] + 1e-6:
-                refuse("controller_server", f"{space}.model_dt", inner["model_dt"],
+            if "MPPIController" in _classes_of(inner) and period > inner["model_dt"] + 1e-6:
+                refuse("controller_server", f"{path}.model_dt", inner["model_dt"],
                        f"must be at least the controller's period, {period:g} s")  # fmt: skip
     return problems
 
@@ -81,6 +79,17 @@ def _missing_of_zone(zone: Mapping[str, Value]) -> Iterator[tuple[str, str]]:
         for bound in ("linear_min", "linear_max", "theta_min", "theta_max"):
             if values.get(bound) is None:
                 yield f"{name}.{bound}", "a speed"
+
+
+def _controllers(name: str, space: Value) -> Iterator[tuple[str, Mapping[str, Value]]]:
+    """The namespaces of a controller, and of the one that stands behind it, with their names."""
+    if _is_space(space):
+        yield name, space
+        yield from _controllers(f"{name}.primary_controller", space.get("primary_controller"))
+
+
+def _classes_of(space: Mapping[str, Value]) -> set[str]:
+    return {short_class(space.get(key)) for key in _CLASSES}
 
 
 def _is_space(value: Value) -> bool:

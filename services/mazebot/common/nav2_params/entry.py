@@ -88,14 +88,20 @@ def child_of(group: Group, kind: str, space: str, values: Mapping[str, Value]) -
     `space` is its name in the file. A plugin that stands before another one shares it.
     """
     child = group.kinds.get(kind)
+    other = group.wraps.get(kind)
+    if child is None or other is None:
+        return child
+    nested = short_class(values.get(f"{space}.{other}.plugin", ""))
     wrapped = wrapped_class(group, kind, space, values)
-    primary = group.kinds.get(wrapped, group.others if wrapped else None)
-    return joined(child, primary) if child is not None and primary is not None else child
+    child = group.before.get(nested or wrapped, child)
+    (inner,) = child.groups
+    primary = inner.kinds.get(wrapped, inner.others if wrapped else None)
+    return joined(child, primary) if primary is not None else child
 
 
 def wrapped_class(group: Group, kind: str, space: str, values: Mapping[str, Value]) -> str:
-    """The class of the plugin that one of a kind stands before, as the rotation shim does; "": it
-    stands before none.
+    """The class of the plugin that one of a kind stands before and shares its namespace with, as
+    the rotation shim does; "": there is none.
     """
     return short_class(values.get(f"{space}.{group.wraps.get(kind, '')}", ""))
 

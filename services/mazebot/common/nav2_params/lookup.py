@@ -69,7 +69,7 @@ def _found(
             why = f"{head} is not in {group.lister}: Nav2 does not read it either"
         else:
             why = _left_out(group, listed, head, rest, prefix, values)
-        where = f"{place}.{child.place}".replace("*", head) if child else place
+        where = _below(place, child.place).replace("*", head) if child else place
         entry = dataclasses.replace(entry, instance=head)
         if rest == "plugin" and group.key == "plugin":
             *_, differs = group.implied.get(kind, ("",))
@@ -81,6 +81,7 @@ def _found(
             found = dataclasses.replace(
                 entry, knowledge="plugin", group=group, place=where,
                 value=wrapped_class(group, kind, inner, values),
+                note=joined_notes(entry.note, f"{rest} up to Kilted, now {rest}.plugin"),
             )  # fmt: skip
         elif child is None and kind and group.others and rest in group.others.parameters:
             where = f"{place}.{group.others.place}"
@@ -90,11 +91,19 @@ def _found(
             found = entry
         else:
             found = _found(entry, child, rest, f"{inner}.", where, values)
+            other = wrapped_class(group, kind, inner, values)
+            if found.knowledge == "unknown" and other and other not in group.kinds:
+                # It may be one of the other plugin, which shares the namespace.
+                found, why = entry, why or f"{other} is not supported"
         return _unread(found, why) if why and found.knowledge != "unknown" else found
     near = get_close_matches(name, space.parameters, 1, 0.6)
     hint = f"; did you mean {prefix}{near[0]}?" if near else _home(entry)
     note = joined_notes(entry.note, f"Nav2 has no such parameter and ignores it{hint}")
     return dataclasses.replace(entry, knowledge="unknown", note=note)
+
+
+def _below(place: str, name: str) -> str:
+    return f"{place}.{name}" if name else place
 
 
 def _of_list(group: Group, prefix: str, values: Mapping[str, Value]) -> str:

@@ -79,8 +79,11 @@ class Group:
     """Our setting that names the class of the first of them, and its values for each class."""
     values: Mapping[str, str] = field(default_factory=dict)
     wraps: Mapping[str, str] = field(default_factory=dict)
-    """For the class of a plugin that stands before another one and shares its namespace with it,
-    the parameter that names the other's class."""
+    """For the class of a plugin that stands before another one, the name of the namespace with the
+    other's class and parameters. It may also be the parameter that names the other's class, whose
+    parameters stand beside it then."""
+    before: Mapping[str, Namespace] = field(default_factory=dict)
+    """What such a plugin is before one of these classes, where that differs."""
     last: str = ""
     """The class that must be listed after the others; "": none."""
     always: tuple[tuple[str, ...], ...] = ()
@@ -101,8 +104,8 @@ class Namespace:
     """The parameters of a node or of a plugin."""
 
     place: str
-    """The dotted name, below that of its node, of the section with our settings for it; `*` is the
-    instance's name in the file."""
+    """The dotted name, below that of what it is in, of the section with our settings for it; `*` is
+    the instance's name in the file. "": that of what it is in."""
     parameters: Mapping[str, Parameter]
     groups: tuple[Group, ...] = ()
     note: str = ""
@@ -134,10 +137,13 @@ def namespace(
 
 
 def joined(first: Namespace, second: Namespace) -> Namespace:
-    """Both namespaces in one: the second wins."""
-    return Namespace(
-        second.place, {**first.parameters, **second.parameters}, first.groups + second.groups
-    )
+    """Both namespaces in one, at the second's place: the second wins."""
+    parameters = {
+        name: dataclasses.replace(row, note=row.note or space.note)
+        for space in (first, second)
+        for name, row in space.parameters.items()
+    }
+    return Namespace(second.place, parameters, first.groups + second.groups)
 
 
 def _rows(line: str) -> list[Parameter]:

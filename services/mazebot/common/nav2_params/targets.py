@@ -45,6 +45,7 @@ CONVERSIONS: Mapping[str, Callable[[Value], Value]] = MappingProxyType(
         "lidar_min_range": lambda range_m: None if range_m < 0 else range_m,
         "no_limit": _no_limit,
         "whole_path": lambda range_m: NO_LIMIT if range_m < 0 else _no_limit(range_m),
+        "always": lambda _: True,
         "in_front": lambda offset_m: -abs(offset_m),
         "gain": lambda gain: gain or NOT_TAKEN,
         "smoothing": lambda order: order // 2 * 2,
@@ -76,7 +77,7 @@ CONVERSIONS: Mapping[str, Callable[[Value], Value]] = MappingProxyType(
 )
 """From Nav2's value to ours; None: our default has this meaning."""
 SAME_MEANING = frozenset(
-    {"lidar_max_range", "lidar_min_range", "no_limit", "whole_path", "smoothing"}
+    {"always", "lidar_max_range", "lidar_min_range", "no_limit", "whole_path", "smoothing"}
 )
 """The conversions to values that do here what those of Nav2 do there."""
 LIMITS = frozenset(

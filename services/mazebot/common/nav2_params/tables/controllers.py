@@ -6,7 +6,7 @@ nav2_graceful_controller, nav2_dwb_controller, nav2_rotation_shim_controller), v
 
 from __future__ import annotations
 
-from mazebot.common.nav2_params.parameter import Group, namespace
+from mazebot.common.nav2_params.parameter import Group, Namespace, joined, namespace
 from mazebot.common.nav2_params.tables.mppi import MPPI
 
 _RPP = namespace(
@@ -102,21 +102,61 @@ rotate_to_heading_angular_vel double - >=0 =:turn_limit # {_LIMITED}
 acc_lim_x double - >=0 =ax_max:accel_limit # {_LIMITED}
 max_linear_accel double - >=0 =ax_max:accel_limit # {_LIMITED}
 acc_lim_theta double - >=0 =az_max:turn_accel_limit # {_LIMITED}
-max_angular_accel double - >=0 =az_max:turn_accel_limit # {_LIMITED}
+max_angular_accel double - >=0 =/controller_server.max_angular_accel:turn_accel_limit # {_LIMITED}
 """,
 )
 """The limits of controllers that are none of Nav2's own, such as teb_local_planner,
 neo_local_planner2 and vector_pursuit_controller: the robot must not be faster than it was told."""
 
-_SHIM = namespace(
-    "rotation_shim",
-    """
-- primary_controller angular_dist_threshold angular_disengage_threshold forward_sampling_distance
-- rotate_to_heading_angular_vel max_angular_accel simulate_ahead_time rotate_to_goal_heading
-- rotate_to_heading_once closed_loop use_path_orientations
+_ITSELF = "the controller turns the robot itself"
+_TURNS = "the shim before it turns the robot towards the path"
+_TURNED_RPP = joined(
+    _RPP,
+    namespace(
+        "regulated_pure_pursuit",
+        f"""
+use_rotate_to_heading bool true * =:always # {_TURNS}
+rotate_to_heading_angular_vel double 1.8 >=0 =:turn_limit
+max_angular_accel double 3.2 >=0 =/controller_server.max_angular_accel:turn_accel_limit
+- rotate_to_heading_min_angle # {_TURNS}: its angular_dist_threshold counts
 """,
-    note="the controllers rotate in place themselves",
+    ),
 )
+"""Regulated pure pursuit behind a rotation shim: here it turns by itself."""
+
+_CONTROLLERS = {
+    "MPPIController": MPPI, "RegulatedPurePursuitController": _RPP,
+    "GracefulController": _GRACEFUL, "DWBLocalPlanner": _DWB,
+}  # fmt: skip
+_SETTING = "/controller_server.controller"
+_VALUES = {"MPPIController": "mppi", "RegulatedPurePursuitController": "regulated_pure_pursuit"}
+
+
+def _shim(driving: str) -> Namespace:
+    """A rotation shim before a controller, where this one of ours drives."""
+    ours = f"/controller_server.{driving}"
+    return namespace(
+        "",
+        f"""
+angular_dist_threshold double 0.785 >=0 ={ours}.rotate_to_heading_min_angle
+rotate_to_heading_angular_vel double 1.8 >=0 ={ours}.rotate_to_heading_angular_vel:turn_limit
+max_angular_accel double 3.2 >=0 =/controller_server.max_angular_accel:turn_accel_limit
+- rotate_to_goal_heading # at the goal the robot turns in any case
+- angular_disengage_threshold forward_sampling_distance simulate_ahead_time # {_ITSELF}
+- rotate_to_heading_once closed_loop use_path_orientations max_cost_threshold # {_ITSELF}
+""",
+        [
+            Group(
+                "",
+                {**_CONTROLLERS, "RegulatedPurePursuitController": _TURNED_RPP},
+                defaults={"primary_controller": ""},
+                setting=_SETTING,
+                values=_VALUES,
+                others=_OTHERS,
+            )
+        ],
+    )
+
 
 _SIMPLE_GOAL = """
 xy_goal_tolerance double 0.25 >=0 =:no_limit
@@ -161,18 +201,12 @@ inversion_xy_tolerance double 0.2 >0 =- !0.2
 _GROUPS = (
     Group(
         "controller_plugins",
-        {
-            "MPPIController": MPPI, "RegulatedPurePursuitController": _RPP,
-            "GracefulController": _GRACEFUL, "DWBLocalPlanner": _DWB,
-            "RotationShimController": _SHIM,
-        },
+        {**_CONTROLLERS, "RotationShimController": _shim("mppi")},
         defaults={"FollowPath": "DWBLocalPlanner"},
-        setting="/controller_server.controller",
-        values={
-            "MPPIController": "mppi",
-            "RegulatedPurePursuitController": "regulated_pure_pursuit",
-        },
+        setting=_SETTING,
+        values=_VALUES,
         wraps={"RotationShimController": "primary_controller"},
+        before={"RegulatedPurePursuitController": _shim("regulated_pure_pursuit")},
         others=_OTHERS,
     ),
     Group(
