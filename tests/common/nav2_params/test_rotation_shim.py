@@ -96,3 +96,10 @@ def test_a_nested_controller_may_not_contradict_the_server() -> None:
     values = {"controller_frequency": 5.0, **server(MPPI, {}, {"batch_size": 700}, True)}
     said = refused("controller_server", values)
     assert "F.primary_controller.model_dt: 0.05: must be at least the controller's period" in said
+
+
+def test_a_controller_that_is_no_shim_stands_before_none() -> None:
+    values = {"controller_plugins": ["F"], "F": {"plugin": RPP, "primary_controller": MPPI}}
+    found = told("controller_server", values)
+    assert config_of(found).controller_server.controller == "regulated_pure_pursuit"
+    assert row_of(found, "F.primary_controller").status == "unknown"

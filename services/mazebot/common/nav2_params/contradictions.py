@@ -51,9 +51,9 @@ def contradictions(
     # Nav2 does not read the parameters of one that is not listed.
     for space in server.get("controller_plugins") or []:
         for path, inner in _controllers(space, server.get(space)):
-            period = 1.0 / server["controller_frequency"]
-            if "MPPIController" in _classes_of(inner) and period > inner["model_dt"] + 1e-6:
-                refuse("controller_server", f"{path}.model_dt", inner["model_dt"],
+            period, step = 1.0 / server["controller_frequency"], inner.get("model_dt")
+            if "MPPIController" in _classes_of(inner) and _exceeds(period - 1e-6, step):
+                refuse("controller_server", f"{path}.model_dt", step,
                        f"must be at least the controller's period, {period:g} s")  # fmt: skip
     return problems
 
