@@ -53,7 +53,7 @@ class Params(BaseModel):
 
     def _check_order(self, low: str, high: str, apart: bool = False) -> None:
         """Raise pydantic's ValidationError for one of two numeric fields where the first is above
-        the second; with `apart`, also where they are equal.
+        the second; with `apart`, also where they are equal. Its `other` is the other field.
         """
         least, greatest = getattr(self, low), getattr(self, high)
         if least < greatest or (least == greatest and not apart):
@@ -64,7 +64,9 @@ class Params(BaseModel):
         else:
             name, value, rule = low, least, f"{'less than' if apart else 'at most'} {high}"
         other = greatest if name == low else least
-        message = PydanticCustomError("order", f"must be {rule}, {other:g}")
+        message = PydanticCustomError(
+            "order", f"must be {rule}, {other:g}", {"other": high if name == low else low}
+        )
         error = InitErrorDetails(type=message, loc=(name,), input=value)
         raise ValidationError.from_exception_data(type(self).__name__, [error])
 

@@ -88,6 +88,39 @@ def test_the_least_speed_of_a_faster_robot_is_not_above_the_highest_here() -> No
     assert controller.v_linear_min == controller.v_linear_max == MAX_LINEAR_M_S
 
 
+@pytest.mark.parametrize(
+    ("values", "own", "other"),
+    [
+        ({"max_rotational_vel": 0.05}, "max_rotational_vel", "min_rotational_vel"),
+        ({"min_rotational_vel": 1.5}, "min_rotational_vel", "max_rotational_vel"),
+    ],
+)
+def test_a_limit_beyond_the_default_of_its_counterpart_takes_that_along(
+    values: dict[str, float], own: str, other: str
+) -> None:
+    found = told("behavior_server", values)
+    ours = config_of(found).behavior_server
+    assert getattr(ours, own) == getattr(ours, other) == values[own]
+    row = row_of(found, own)
+    assert row.status == "used"
+    assert row.note == f"navigation.behavior_server.{other} is {values[own]:g}, too"
+
+
+def test_fewer_beams_than_the_returns_that_are_needed_here_need_fewer_returns() -> None:
+    found = told("amcl", {"max_beams": 6})
+    ours = LocalizationConfig.model_validate(found.settings["localization"])
+    assert (ours.max_beams, ours.min_returns) == (6, 6)
+
+
+def test_limits_of_several_sections_take_their_counterparts_along() -> None:
+    pursuit = {"plugin": "nav2_rpp/RegulatedPurePursuitController", "min_lookahead_dist": 0.5}
+    values = {"controller_plugins": ["F"], "F": pursuit}
+    ours = config_of(told("controller_server", values)).controller_server.regulated_pure_pursuit
+    assert (ours.min_lookahead_dist, ours.max_lookahead_dist) == (0.5, 0.5)
+    docks = config_of(told("docking_server", {"controller": {"v_linear_max": 0.02}}))
+    assert docks.docking_server.controller.v_linear_min == 0.02
+
+
 def test_velocities_in_space_are_those_in_the_plane() -> None:
     found = told("velocity_smoother", {"max_velocity": [0.3, 0.0, 0.0, 0.0, 0.0, 1.0]})
     assert config_of(found).velocity_smoother.max_velocity == (0.3, 0.0, 1.0)

@@ -21,6 +21,7 @@ from mazebot.common.nav2_params.targets import (
     NOT_TAKEN,
     SAME_MEANING,
     Models,
+    disorder,
     nearest,
     problems_of,
     setting,
@@ -89,6 +90,7 @@ def report(params: Nav2Params, models: Models) -> Report:
         _put_in_order(entry, models, settings)
     rows = _filled_in(params, rows, models, settings)
     _check_wholes(params, rows, models, settings)
+    rows = _in_order(rows, models, settings)
     taken = [
         f"{entry.node}.{entry.name}"
         for entry, row in zip(params.entries, rows, strict=True)
@@ -130,6 +132,30 @@ def _filled_in(
             note += f", which {problem}" if problem else ""
             row = told[first[node]]
             told[first[node]] = dataclasses.replace(row, note=joined_notes(row.note, note))
+    return told
+
+
+def _in_order(
+    rows: Sequence[Row], models: Models, settings: dict[str, dict[str, Value]]
+) -> list[Row]:
+    """The rows, of which those say so whose value is also that of a setting that the file leaves
+    out: a minimum above our default of its maximum, or a maximum below that of its minimum.
+    """
+    told = list(rows)
+    for section, values in settings.items():
+        # One at a time: a model tells of one at a time.
+        while alone := [
+            found for found in disorder(section, values, models)
+            if value_of(settings, found[1]) is None
+        ]:  # fmt: skip
+            path, other, value = alone[0]
+            put_value(settings, other, value)
+            also = f"{other} is {value:g}, too"
+            told = [
+                dataclasses.replace(row, note=joined_notes(row.note, also))
+                if row.setting == path else row
+                for row in told
+            ]  # fmt: skip
     return told
 
 

@@ -118,6 +118,27 @@ def problems_of(path: str, value: Value, models: Models) -> list[tuple[str, str]
     return []
 
 
+def disorder(
+    section: str, values: Mapping[str, Value], models: Models
+) -> list[tuple[str, str, Value]]:
+    """Where the values of a section are beyond others that they belong to, such as a maximum below
+    its minimum: the names of both settings, and the value of the first.
+    """
+    try:
+        models[section].model_validate(values)
+    except ValidationError as caught:
+        found = []
+        for error in caught.errors():
+            if error["type"] == "order":
+                *spaces, name = (section, *map(str, error["loc"]))
+                above = ".".join(spaces)
+                found.append(
+                    (f"{above}.{name}", f"{above}.{error['ctx']['other']}", error["input"])
+                )
+        return found
+    return []
+
+
 def valid_for(field: FieldInfo, value: Value) -> str:
     """What the field's value must be, where this one is not valid; empty: it is."""
     annotation = field.rebuild_annotation()
