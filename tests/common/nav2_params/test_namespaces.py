@@ -1,4 +1,4 @@
-"""Topics of nodes in a namespace: those below it are the robot's own."""
+"""Nodes in a namespace, whose topics below it are the robot's own, and nodes of other packages."""
 
 from typing import Any
 
@@ -71,3 +71,13 @@ def test_topics_of_another_namespace_are_those_of_another_robot() -> None:
         found = told(namespace, prefix)
         assert "local_costmap" not in found.settings.get("navigation", {})
         assert row_of(found, "scan_topic").differs
+
+
+def test_a_parameter_of_another_packages_node_is_not_said_to_be_one_of_nav2() -> None:
+    text = "slam_toolbox: {ros__parameters: {resolution: 0.1}}\n"
+    text += "ekf_filter_node: {ros__parameters: {frequency: 30.0}}\n"
+    found = report(load_nav2_params(text, "my.yaml"), MODELS)
+    package = "slam_toolbox, whose parameters `mazebot map build --params` takes"
+    for name, of in (("resolution", package), ("frequency", "robot_localization")):
+        row = row_of(found, name)
+        assert (row.status, row.note) == ("unknown", f"not a node of Nav2 but of {of}")

@@ -19,6 +19,7 @@ from mazebot.common.nav2_params.observation_sources import lidars, why_not_taken
 from mazebot.common.nav2_params.parameter import OWN_NAME, Group, Namespace, Value
 from mazebot.common.nav2_params.tables.every_node import EVERY_NODE, PREFIXES
 from mazebot.common.nav2_params.tables.nodes import NODES
+from mazebot.common.nav2_params.tables.others import OTHER_PACKAGES
 from mazebot.common.nav2_params.yaml_leaves import is_pattern
 
 _MOST_HOMES = 2
@@ -39,7 +40,10 @@ def known(entry: Entry, node: Namespace | None, values: Mapping[str, Value]) -> 
         else:
             near = get_close_matches(entry.node, NODES, 1, 0.7)
             note = "not a node of Nav2"
-            note += f"; did you mean {near[0]}?" if near else _home(entry)
+            if entry.node in OTHER_PACKAGES:
+                note += f" but of {OTHER_PACKAGES[entry.node]}"
+            else:
+                note += f"; did you mean {near[0]}?" if near else _home(entry)
         return dataclasses.replace(entry, knowledge="unknown", note=joined_notes(entry.note, note))
     return _found(entry, node, entry.name, "", node.place, values)
 

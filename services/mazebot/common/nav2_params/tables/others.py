@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 
 from mazebot.common.nav2_params.parameter import Group, namespace
 
@@ -100,3 +101,22 @@ ROBOT_STATE_PUBLISHER = namespace(
 
 NOTHING = namespace("", "", note="the node has no parameters of its own")
 """A node with the parameters that every node has."""
+
+_SLAM_TOOLBOX = "slam_toolbox, whose parameters `mazebot map build --params` takes"
+OTHER_PACKAGES: Mapping[str, str] = {
+    "slam_toolbox": _SLAM_TOOLBOX,
+    "sync_slam_toolbox_node": _SLAM_TOOLBOX,
+    "async_slam_toolbox_node": _SLAM_TOOLBOX,
+    "ekf_filter_node": "robot_localization",
+    "ekf_filter_node_odom": "robot_localization",
+    "ekf_filter_node_map": "robot_localization",
+    "ukf_filter_node": "robot_localization",
+    "navsat_transform": "robot_localization",
+    "navsat_transform_node": "robot_localization",
+    "explore_node": "explore_lite",
+    "twist_mux": "twist_mux",
+    "controller_manager": "ros2_control",
+    "pointcloud_to_laserscan": "pointcloud_to_laserscan",
+    "depthimage_to_laserscan": "depthimage_to_laserscan",
+}
+"""Nodes of other packages that often stand in a file of Nav2, with their package."""
