@@ -10,6 +10,7 @@ from mazebot.navigation.control.mppi.mppi import MPPIController
 from tests.common.nav2_params.files import config_of, row_of, told
 
 DWB = "dwb_core::DWBLocalPlanner"
+GRACEFUL = "nav2_graceful_controller::GracefulController"
 NEO = "neo_local_planner2::NeoLocalPlanner"
 TEB = "teb_local_planner::TebLocalPlannerROS"
 VECTOR = "vector_pursuit_controller::VectorPursuitController"
@@ -25,6 +26,11 @@ def server(plugin: str, values: dict[str, float]) -> dict[str, Any]:
         (DWB, {"max_vel_x": 0.4, "max_speed_xy": 0.15}, {"forward": 0.15, "backward": 0.15}),
         (DWB, {"max_speed_xy": 0.4, "max_vel_x": 0.15}, {"forward": 0.15, "backward": 0.2}),
         (DWB, {"max_vel_x": 0.4, "max_speed_xy": -1.0}, {"forward": 0.4, "backward": 0.2}),
+        (DWB, {"min_vel_x": 0.0}, {"backward": 0.0}),
+        (DWB, {"min_vel_x": -0.05}, {"backward": 0.05}),
+        (DWB, {"min_vel_x": 0.1}, {"backward": 0.0}),
+        (GRACEFUL, {"allow_backward": False}, {"backward": 0.0}),
+        (GRACEFUL, {"allow_backward": True}, {"backward": 0.2}),
         (DWB, {"acc_lim_theta": 1.5, "decel_lim_theta": -0.5}, {"turn_accel": 0.5}),
         (DWB, {"decel_lim_theta": -1.5, "acc_lim_theta": 0.5}, {"turn_accel": 0.5}),
         (NEO, {"max_vel_x": 0.4, "max_trans_vel": 0.1, "max_rot_vel": 0.6},

@@ -58,6 +58,8 @@ CONVERSIONS: Mapping[str, Callable[[Value], Value]] = MappingProxyType(
         "max_turn_accel": lambda accel: min(accel, waffle.MAX_ANGULAR_ACCELERATION_RAD_S2),
         "speed_limit": lambda speed: None if speed < 0 else min(speed, waffle.MAX_LINEAR_M_S),
         "backward_limit": lambda speed: -min(speed, waffle.MAX_LINEAR_M_S),
+        "least_speed": lambda speed: max(min(speed, 0.0), -waffle.MAX_LINEAR_M_S),
+        "backward": lambda allowed: None if allowed else 0.0,
         "turn_limit": lambda speed: min(speed, waffle.MAX_ANGULAR_RAD_S),
         "accel_limit": lambda accel: min(accel, waffle.MAX_LINEAR_ACCELERATION_M_S2),
         "turn_accel_limit": lambda accel: min(abs(accel), waffle.MAX_ANGULAR_ACCELERATION_RAD_S2),
@@ -81,7 +83,14 @@ SAME_MEANING = frozenset(
 )
 """The conversions to values that do here what those of Nav2 do there."""
 LIMITS = frozenset(
-    {"speed_limit", "backward_limit", "turn_limit", "accel_limit", "turn_accel_limit"}
+    {
+        "speed_limit",
+        "backward_limit",
+        "least_speed",
+        "turn_limit",
+        "accel_limit",
+        "turn_accel_limit",
+    }
 )
 """The conversions of limits of which several may have the same setting: the lowest counts."""
 _LEAST = 1e-3

@@ -48,9 +48,10 @@ _GRACEFUL = namespace(
     f"""
 v_linear_max double 0.5 >=0 =vx_max:max_speed # {_LIMITED}
 v_angular_max double 1.0 >=0 =wz_max:max_turn # {_LIMITED}
+allow_backward bool false * =vx_min:backward # {_LIMITED}
 - min_lookahead max_lookahead max_robot_pose_search_dist k_phi k_delta beta lambda v_linear_min
 - v_angular_min_in_place slowdown_radius initial_rotation
-- initial_rotation_tolerance prefer_final_rotation rotation_scaling_factor allow_backward
+- initial_rotation_tolerance prefer_final_rotation rotation_scaling_factor
 - in_place_collision_resolution use_collision_detection
 """,
     note="GracefulController is not supported",
@@ -66,7 +67,8 @@ acc_lim_x double 0.0 >=0 =ax_max:max_accel # {_LIMITED}
 decel_lim_x double 0.0 <=0 =ax_min:min_accel # {_LIMITED}
 acc_lim_theta double 0.0 >=0 =az_max:turn_accel_limit # {_LIMITED}
 decel_lim_theta double 0.0 <=0 =az_max:turn_accel_limit # {_LIMITED}
-- min_vel_x min_vel_y max_vel_y acc_lim_y decel_lim_y min_speed_xy
+min_vel_x double 0.0 * =vx_min:least_speed # {_LIMITED}
+- min_vel_y max_vel_y acc_lim_y decel_lim_y min_speed_xy
 - min_speed_theta debug_trajectory_details vx_samples vy_samples vtheta_samples sim_time
 - sim_granularity time_granularity discretize_by_time linear_granularity angular_granularity
 - include_last_point limit_vel_cmd_in_traj trajectory_generator_name goal_checker_name
@@ -91,6 +93,7 @@ _OTHERS = namespace(
 max_vel_x double - >=0 =vx_max:speed_limit # {_LIMITED}
 max_linear_vel double - >=0 =vx_max:speed_limit # {_LIMITED}
 desired_linear_vel double - >=0 =vx_max:speed_limit # {_LIMITED}
+min_vel_x double - * =vx_min:least_speed # {_LIMITED}
 max_vel_x_backwards double - >=0 =vx_min:backward_limit # {_LIMITED}
 max_trans_vel double - * =/controller_server.max_linear_vel:speed_limit # {_LIMITED}
 max_vel_trans double - * =/controller_server.max_linear_vel:speed_limit # {_LIMITED}
