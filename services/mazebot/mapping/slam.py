@@ -376,7 +376,7 @@ class Slam:
         sees_round = abs(scan.angle_increment_rad) * len(scan.ranges_m) > _ROUND_RAD
         returns = thinned(seen.points_m, _SPACING_M, _MOST_RETURNS)
         motion = self._predict(stamp_ns, odom_from_base, returns, seen.sensor)
-        is_empty = len(seen.points_m) < min(_FEW_RETURNS, _FEW_SHARE * len(scan.ranges_m))
+        is_empty = len(seen.points_m) < max(1, min(_FEW_RETURNS, _FEW_SHARE * len(scan.ranges_m)))
         if not self._seen:
             self._begun_ns = stamp_ns if self._begun_ns is None else self._begun_ns
             if is_empty and stamp_ns - self._begun_ns < _SPINS_UP_NS:
