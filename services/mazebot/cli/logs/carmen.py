@@ -1,13 +1,15 @@
 """Logs of CARMEN, as most of the public ones of robots with a SICK scanner are.
 
 A line holds a message: FLASER and ROBOTLASER1 a scan with the laser's and the robot's pose in
-odometry, RAWLASER1 a scan alone, ODOM odometry alone. What FLASER does not say follows CARMEN's
+odometry, RAWLASER1 a scan alone, ODOM odometry alone. Those of one kind are used, of the lidar in
+front: RLASER and ROBOTLASER2 are of one behind. What FLASER does not say follows CARMEN's
 readlog.c.
 """
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,10 +23,13 @@ from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import SE2, Array, wrap_angle, wrap_angles
 
 _SCANS = ("ROBOTLASER1", "FLASER", "RAWLASER1")
-"""The first kind of which a log has any is used."""
-_KEYWORDS = {
-    *_SCANS, "ODOM", "PARAM", "SYNC", "RLASER", "ROBOTLASER2", "RAWLASER2", "TRUEPOS", "LASER3",
-}  # fmt: skip
+"""Of kinds that a log has equally many of, the first is used."""
+_RAW = "RAWLASER1"
+_OTHER_SCANS = (
+    "RLASER", "LASER3", "LASER4", "LASER5", *(f"ROBOTLASER{i}" for i in range(2, 6)),
+    *(f"RAWLASER{i}" for i in range(2, 6)),
+)  # fmt: skip
+_KEYWORDS = {*_SCANS, *_OTHER_SCANS, "ODOM", "PARAM", "SYNC", "TRUEPOS"}
 _OFFSET = "robot_frontlaser_offset"
 _MOST_BEAMS = 20_000
 _LARGEST = 1e10
@@ -65,6 +70,28 @@ class _Found:
     robots: list[tuple[int, float, float, float]] = field(default_factory=list)
     """Line and pose of the robot, as it is written."""
     offset_m: float | None = None
+    others: Counter[str] = field(default_factory=Counter)
+    """Lines with scans of other lidars."""
+
+    @property
+    def kind(self) -> str:
+        """The kind of which there are the most scans; those without a pose of their own count half.
+        Empty: there are none.
+        """
+
+        def weight(kind: str) -> int:
+            return len(self.sweeps[kind]) * (1 if kind == _RAW else 2)
+
+        return max((kind for kind in _SCANS if self.sweeps[kind]), key=weight, default="")
+
+    @property
+    def unused(self) -> str:
+        """What to say of scans of other kinds and lidars, in one line; empty: there are none."""
+        counts = {kind: len(self.sweeps[kind]) for kind in _SCANS if kind != self.kind}
+        told = [f"{count} {kind}" for kind, count in (counts | self.others).items() if count]
+        if not told:
+            return ""
+        return f"lines not used: {', '.join(told)}: the scans are those of {self.kind}"
 
 
 def is_carmen(text: str) -> bool:
@@ -97,17 +124,17 @@ def read(path: Path, lines: Iterable[str], form: ScanForm) -> Log:
             _add(found, where, words, whole=line.endswith(("\n", "\r")))
         except ConfigError as error:
             damage = error
-    kind = next((kind for kind in _SCANS if found.sweeps[kind]), None)
-    if kind is None:
+    kind = found.kind
+    if not kind:
         raise damage or ConfigError(f"--log: {path}: has no line {', '.join(_SCANS)}")
     sweeps = found.sweeps[kind]
-    if kind == "RAWLASER1" and not found.odometry:
+    if kind == _RAW and not found.odometry:
         raise ConfigError(f"--log: {path}: has RAWLASER1 without ODOM: must have both")
     _check_headings(path, found)
     place = _base_from_scan(sweeps, found.offset_m)
     entries, retimed = _in_time(sweeps, form, [] if sweeps[0].robot else found.odometry, place)
     assumed = _assumed(sweeps, form) if kind == "FLASER" else ""
-    return Log(entries, int(damage is not None), retimed, assumed=assumed)
+    return Log(entries, int(damage is not None), retimed, assumed=assumed, unused=found.unused)
 
 
 def _add(found: _Found, where: Where, words: list[str], whole: bool) -> None:
@@ -125,6 +152,8 @@ def _add(found: _Found, where: Where, words: list[str], whole: bool) -> None:
         found.sweeps[keyword].append(
             _Sweep(where.line, times_s, ranges, -fov / 2.0, step, _FARTHEST_M, laser, robot)
         )
+    elif keyword in _OTHER_SCANS:
+        found.others[keyword] += 1
     elif keyword in _SCANS:
         start, fov, step, farthest = _numbers(where, "laser", words[2:6], 4)
         ranges, rest = _readings(where, words, 8)

@@ -138,6 +138,8 @@ class Log:
     """That no range of all scans is a return, in one line; empty: some are."""
     codes_m: tuple[float, ...] = ()
     """Ranges below range_max that stand for no return, of each lidar that has one."""
+    unused: str = ""
+    """What scans the log has beside those that are used, in one line; empty: none."""
     assumed: str = ""
     """What is a guess, as the log does not say it, in one line; empty: nothing."""
     reaches: tuple[Reach, ...] = ()
@@ -272,8 +274,7 @@ class Log:
                 f"{self.scans_tilted} scans are of when the lidar was tilted: left out: it must be "
                 "level, or upside down"
             )
-        if self.no_returns:
-            found.append(self.no_returns)
+        found += [one for one in (self.unused, self.no_returns) if one]
         for code_m in self.codes_m:
             found.append(
                 f"{code_m:g} m is what very many beams of all directions measure: taken for a "
