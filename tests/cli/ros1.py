@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mcap.writer import Writer as McapWriter
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -81,4 +82,24 @@ def write(path: Path, messages: Iterable[Message], packed: str = "", chunk: int 
             if topic not in connections:
                 connections[topic] = writer.add_connection(topic, kind, typestore=STORE)
             writer.write(connections[topic], time_ns, STORE.serialize_ros1(message, kind))
+    return path
+
+
+def write_mcap(path: Path, messages: Iterable[Message], has_definitions: bool = True) -> Path:
+    """An MCAP file as `mcap convert` makes it of a bag."""
+    with path.open("wb") as file:
+        writer = McapWriter(file)
+        writer.start("ros1")
+        channels: dict[str, int] = {}
+        for topic, time_ns, message in messages:
+            kind = message.__msgtype__
+            if topic not in channels:
+                text = STORE.generate_msgdef(kind, ros_version=1)[0] if has_definitions else ""
+                schema = writer.register_schema(
+                    kind.replace("/msg/", "/"), "ros1msg", text.encode()
+                )
+                channels[topic] = writer.register_channel(topic, "ros1", schema)
+            data = bytes(STORE.serialize_ros1(message, kind))
+            writer.add_message(channels[topic], time_ns, data, time_ns)
+        writer.finish()  # type: ignore[no-untyped-call]
     return path

@@ -5,6 +5,7 @@ from __future__ import annotations
 import bz2
 import json
 import struct
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -64,12 +65,36 @@ def test_a_map_is_made_of_a_bag(tmp_path: Path) -> None:
     assert json.loads(done.stdout)["scans"] == 6
 
 
-def test_what_fits_is_replayed_and_the_rest_is_named(tmp_path: Path) -> None:
+@pytest.mark.parametrize("has_definitions", [True, False])
+def test_an_mcap_file_of_ros_1_is_read_as_its_bag(tmp_path: Path, has_definitions: bool) -> None:
+    messages = [
+        *ros1.drive(range(8)),
+        *(ros1.transform(10**9 * (i + 1), "/odom", "/base_footprint", 0.5 * i) for i in range(8)),
+    ]
+    bag = ros1.write(tmp_path / "drive.bag", messages)
+    packed = ros1.write_mcap(tmp_path / "drive.mcap", messages, has_definitions)
+    log, right = (read_log(path, ScanForm()) for path in (packed, bag))
+    assert steps_of(log) == [*range(8)]
+    assert [one.odom_from_base for one in log.entries] == [
+        one.odom_from_base for one in right.entries
+    ]
+    told = [
+        [(one.topic.name, one.time_ns, one.data) for one in open_recording(tmp_path, name).read()]
+        for name in ("drive.mcap", "drive.bag")
+    ]
+    assert told[0] == told[1]
+    assert sum(name == "/scan" for name, _, _ in told[0]) == 8
+
+
+@pytest.mark.parametrize("write", [ros1.write, ros1.write_mcap])
+def test_what_fits_is_replayed_and_the_rest_is_named(
+    tmp_path: Path, write: Callable[[Path, list[ros1.Message]], Path]
+) -> None:
     log = ros1.STORE.types["rosgraph_msgs/msg/Log"](
         ros1.header(10**9, ""), 2, "/move_base", "Got new plan", "", "", 0, ["/rosout"]
     )
-    ros1.write(tmp_path / "drive.bag", [*ros1.drive(range(4)), ("/rosout", 5 * 10**9, log)])
-    recording = open_recording(tmp_path, "drive.bag")
+    write(tmp_path / "drive.x", [*ros1.drive(range(4)), ("/rosout", 5 * 10**9, log)])
+    recording = open_recording(tmp_path, "drive.x")
     replayed = [one for one in in_time(recording.read()) if one.topic is SCAN]
     assert [wire.decode(SCAN, one.data).ranges[0] for one in replayed] == [0.0, 1.0, 2.0, 3.0]
     assert recording.left_out == {

@@ -20,7 +20,8 @@ from rosbags.interfaces import Connection, ConnectionExtRosbag2
 from mazebot.cli.bags import ros1_bag
 from mazebot.cli.bags.log_clock import Move, Place, may_go_back, moves_of
 from mazebot.cli.bags.mcap_bag import McapBag
-from mazebot.cli.bags.ros1_bag import CDR, Ros1Bag
+from mazebot.cli.bags.ros1_bag import Ros1Bag
+from mazebot.cli.bags.ros1_messages import CDR, ROS_1
 from mazebot.cli.bags.sqlite_bag import SqliteBag
 from mazebot.common.config import ConfigError
 from mazebot.common.files import bounded_yaml
@@ -161,7 +162,7 @@ def problem_of(connection: Connection) -> str:
     encoding = cast("ConnectionExtRosbag2", connection.ext).serialization_format
     if encoding == CDR:
         return ""
-    if encoding == ros1_bag.ROS_1:
+    if encoding == ROS_1:
         return f"is {connection.msgtype} as it was in ROS 1: must have the fields that it has today"
     return f"is encoded as {encoding}: must be {CDR}"
 

@@ -1,4 +1,6 @@
-"""Reads MCAP files of any writer: chunks or none, an index or none, whole or cut."""
+"""Reads MCAP files of any writer: chunks or none, an index or none, whole or cut, of messages of
+ROS 2, or of ROS 1 as `mcap convert` leaves them.
+"""
 
 from __future__ import annotations
 
@@ -16,6 +18,7 @@ from rosbags.interfaces import (
 )
 
 from mazebot.cli.bags.log_clock import Message, Move, Place, Span, in_time, place_in
+from mazebot.cli.bags.ros1_messages import ROS_1, as_cdr, ros1_connection
 from mazebot.common.files.reading import open_regular
 from mazebot.common.recordings.mcap import mcap_records as mcap
 from mazebot.common.recordings.mcap.mcap_scan import Found, chunk_head, content, records
@@ -88,7 +91,8 @@ class McapBag:
             for log_ns, channel, data in in_time(
                 starts_ns, lambda number: self._inside(file, self._blocks[number]), wanted, moves
             ):
-                yield wanted[channel], log_ns, data
+                is_ros1 = self._channels[channel].message_encoding == ROS_1
+                yield wanted[channel], log_ns, as_cdr(wanted[channel], data) if is_ros1 else data
 
     def _look_through(self, file: BinaryIO) -> None:
         """Where the messages are, and what stands outside of chunks."""
@@ -150,6 +154,9 @@ class McapBag:
 
     def _connection(self, channel: mcap.Channel) -> Connection:
         schema = self._schemas.get(channel.schema_id, mcap.Schema(0, "", "", b""))
+        if channel.message_encoding == ROS_1:
+            definition = schema.data.decode(errors="replace")
+            return ros1_connection(channel.id, channel.topic, schema.name, definition, self)
         kind = _FORMATS.get(schema.encoding, MessageDefinitionFormat.NONE)
         text = "" if kind is MessageDefinitionFormat.NONE else schema.data.decode(errors="replace")
         how = ConnectionExtRosbag2(channel.message_encoding, [])

@@ -12,36 +12,22 @@ import struct
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import lz4.frame  # type: ignore[import-untyped]
-from rosbags.interfaces import (
-    Connection,
-    ConnectionExtRosbag2,
-    MessageDefinition,
-    MessageDefinitionFormat,
-    Nodetype,
-)
-from rosbags.typesys import TypesysError, get_types_from_msg
-from rosbags.typesys.msg import normalize_msgtype
+from rosbags.interfaces import Connection
 
 from mazebot.cli.bags.log_clock import Move, Place, Span, in_time, place_in
+from mazebot.cli.bags.ros1_messages import as_cdr, ros1_connection
 from mazebot.common.files.limits import MAX_CHUNK_BYTES, MAX_TEXT_BYTES
 from mazebot.common.files.reading import most_unpacked, open_regular
-from mazebot.common.messages import messages as msg
 
 MAGIC = b"#ROSBAG V"
-CDR = "cdr"
-ROS_1 = "ros1"
-"""The encoding of a topic whose messages are not the same in ROS 2."""
 _VERSION = b"2.0\n"
 _MESSAGE, _BAG, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 5, 6, 7
 _MAX_HEAD_BYTES = 65_536
 """Of a record's head; that of a connection has a few hundred."""
 _U32, _U64, _TIME = struct.Struct("<I"), struct.Struct("<Q"), struct.Struct("<II")
-_HEADER = "std_msgs/msg/Header"
-_RENAMED = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
-_NONE = MessageDefinition(MessageDefinitionFormat.NONE, "")
 _Read = Callable[[int, int], bytes]
 """Bytes from a place, so many."""
 
@@ -119,7 +105,7 @@ class Ros1Bag:
             for log_ns, number, data in in_time(
                 starts_ns, lambda chunk: self._inside(read, self._chunks[chunk]), wanted, moves
             ):
-                yield wanted[number], log_ns, _as_cdr(wanted[number], data)
+                yield wanted[number], log_ns, as_cdr(wanted[number], data)
 
     def _look_through(self, read: _Read, size: int) -> None:
         """Where the chunks are, and what stands outside of them."""
@@ -188,13 +174,7 @@ class Ros1Bag:
                 fields.get(b"message_definition", b""),
             )
         )
-        given = normalize_msgtype(kind)
-        name = _RENAMED.get(given, given)
-        encoding = CDR if _is_of_ros_2(given, definition, name) else ROS_1
-        self._connections[number] = Connection(
-            number, f"/{topic.strip('/')}", name, _NONE, "", 0,
-            ConnectionExtRosbag2(encoding, []), self,
-        )  # fmt: skip
+        self._connections[number] = ros1_connection(number, topic, kind, definition, self)
 
 
 class _TooLargeError(Ros1BagError):
@@ -284,54 +264,3 @@ def _unpacked(record: _Record, data: bytes) -> bytes:
     if len(data) > most:
         raise _TooLargeError(f"has more than {most} bytes unpacked")
     return data
-
-
-def _is_of_ros_2(given: str, definition: str, name: str) -> bool:
-    """Whether messages of a type, by the bag's own definition, have the fields of ROS 2's type:
-    names in another case, as in CameraInfo, are the same bytes. Its header has a number more, which
-    the conversion leaves out.
-    """
-    if name not in msg.TYPESTORE.fielddefs:
-        return False
-    try:
-        types = get_types_from_msg(definition, given)
-    except (TypesysError, ValueError, KeyError, AssertionError):
-        return False
-    return _are_alike(types, given, name)
-
-
-def _are_alike(types: Any, given: str, name: str) -> bool:
-    if given not in types:
-        # Time and duration, which every definition has.
-        return given == name
-    theirs: list[tuple[str, Any]] = types[given][1]
-    ours: list[tuple[str, Any]] = msg.TYPESTORE.fielddefs[name][1]
-    if name == _HEADER:
-        theirs = [one for one in theirs if one[0] != "seq"]
-    if len(theirs) != len(ours):
-        return False
-    for (their_name, what), (our_name, our_what) in zip(theirs, ours, strict=True):
-        if their_name.lower() != our_name.lower():
-            return False
-        kind, inner = what
-        our_kind, our_inner = our_what
-        if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE) and kind == our_kind:
-            if inner[1:] != our_inner[1:]:
-                return False
-            (kind, inner), (our_kind, our_inner) = inner[0], our_inner[0]
-        if kind == our_kind == Nodetype.NAME:
-            if inner != our_inner or not _are_alike(types, inner, our_inner):
-                return False
-        elif (kind, inner) != (our_kind, our_inner):
-            return False
-    return True
-
-
-def _as_cdr(connection: Connection, data: bytes) -> bytes:
-    """A message in CDR; empty, which nobody takes for one, where it is damaged."""
-    if cast("ConnectionExtRosbag2", connection.ext).serialization_format != CDR:
-        return data
-    try:
-        return bytes(msg.TYPESTORE.ros1_to_cdr(data, connection.msgtype))
-    except Exception:
-        return b""
