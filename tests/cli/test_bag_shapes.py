@@ -13,6 +13,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
+import zstandard
 from mcap.writer import CompressionType, IndexType
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
@@ -225,6 +226,27 @@ def test_several_files(tmp_path: Path, plugin: StoragePlugin, has_metadata: bool
         # It is no part of the bag.
         write_mcap(bag / "other.mcap", SCAN_AND_ODOM)
     assert_whole(bag)
+
+
+def test_files_that_metadata_does_not_name_are_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = write_rosbag2(
+        tmp_path / "bag", SCAN_AND_ODOM, StoragePlugin.MCAP, CompressionMode.FILE, 8
+    )
+    (packed,) = bag.glob("*.zstd")
+    unpacked = zstandard.ZstdDecompressor().decompressobj().decompress(packed.read_bytes())
+    packed.with_suffix("").write_bytes(unpacked)
+    assert logged(bag).scans == STEPS
+    assert capsys.readouterr().err == ""
+    write_mcap(bag / "bag_1.mcap", SCAN_AND_ODOM)
+    assert logged(bag).scans == STEPS
+    line = "not read: bag_1.mcap: metadata.yaml does not name it"
+    assert capsys.readouterr().err == f"warning: --log: {bag}: {line}\n"
+    # Without it, nothing is read twice.
+    (bag / "bag_1.mcap").unlink()
+    (bag / "metadata.yaml").unlink()
+    assert logged(bag).scans == STEPS
 
 
 @pytest.mark.parametrize("form", FORMS)

@@ -172,7 +172,8 @@ def opened(path: Path, name: str, warns: bool = True) -> Iterator[Bag]:
     """A bag, within a context. `name` is the option or command to begin each line with.
 
     The files of a folder are those that its metadata.yaml names, else all there are; an MCAP file
-    that is cut is read as far as it goes. Both are told on standard error, with `warns`.
+    that is cut is read as far as it goes. Both, and files that metadata.yaml does not name, are
+    told on standard error, with `warns`.
 
     Raises ConfigError, one line that names the file, where one cannot be read.
     """
@@ -194,6 +195,10 @@ def _files_of(folder: Path, name: str, warn: _Warn) -> tuple[list[Path], bool]:
         listed = _listed(folder)
         missing = [file.name for file in listed if not file.is_file()]
         if listed and not missing:
+            names = {_plain_name(file) for file in listed}
+            others = [one.name for one in _all_files(folder) if _plain_name(one) not in names]
+            if others:
+                warn(name, f"{folder}: not read: {_some(others)}: {METADATA} does not name it")
             return listed, True
         why = f"{METADATA} is of no use"
         if missing:
@@ -216,7 +221,16 @@ def _listed(folder: Path) -> list[Path]:
 
 
 def _all_files(folder: Path) -> list[Path]:
-    return sorted(file for file in folder.iterdir() if file.is_file() and _storage(file))
+    """The files of bags in a folder; of one that is there packed and unpacked, the latter."""
+    files = {file for file in folder.iterdir() if file.is_file() and _storage(file)}
+    return sorted(
+        file for file in files if file.suffix not in _PACKED or file.with_suffix("") not in files
+    )
+
+
+def _plain_name(file: Path) -> str:
+    """The name of a file unpacked."""
+    return file.stem if file.suffix in _PACKED else file.name
 
 
 def _some(names: Sequence[str]) -> str:
