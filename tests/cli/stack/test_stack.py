@@ -148,9 +148,20 @@ def test_nothing_to_end_is_no_mistake(port: str) -> None:
     for command in ("down", "ps"):
         done = mazebot(command, "--router-port", port)
         assert done.returncode == 0
-        assert done.stdout == f"no stack runs on port {port}: mazebot up starts one\n"
+        assert done.stdout.startswith(f"no stack runs on port {port}: mazebot up starts one")
     assert mazebot("ps", "--json", "--router-port", port).stdout == "[]\n"
     assert_one_line(mazebot("logs", "--router-port", port), "no stack runs", port)
+
+
+def test_a_router_that_is_none_of_the_users_stacks_is_told_of(port: str) -> None:
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", int(port)))
+        listener.listen()
+        told = f"something listens on port {port} that is no stack this shell knows of"
+        assert mazebot("ps", "--router-port", port).stdout.startswith(told)
+        done = mazebot("down", "--router-port", port)
+        assert_one_line(done, f"error: down: {told}")
+        assert done.returncode == 1
 
 
 def test_an_unknown_service_has_no_log(port: str) -> None:

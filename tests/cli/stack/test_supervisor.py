@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,7 +17,7 @@ import pytest
 from mazebot.cli.stack.control import end, start, wait_until_active
 from mazebot.cli.stack.log_file import LogWriter, follow, read_lines
 from mazebot.cli.stack.plan import StackPlan
-from mazebot.cli.stack.state import ProcessId, StackFolder, StackState
+from mazebot.cli.stack.state import ProcessId, StackFolder, StackState, running_stacks
 from mazebot.common.config import ConfigError
 from tests.cli.stack.running import DEAF, LASTS, plan_of, runtime, says, service, wait_until
 
@@ -254,6 +255,26 @@ def test_a_folder_that_others_may_write_is_refused(runtime: Path) -> None:
     (runtime / "mazebot").chmod(0o777)
     with pytest.raises(ConfigError, match="only you may write"):
         StackFolder(1)
+
+
+@pytest.mark.parametrize("has_run_there", [False, True])
+def test_a_stack_is_found_from_a_shell_with_another_environment(
+    has_run_there: bool, runtime: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    temporary = runtime / "temporary"
+    temporary.mkdir()
+    monkeypatch.setenv("TMPDIR", str(temporary))
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    monkeypatch.delenv("XDG_RUNTIME_DIR")
+    with started(plan_of(router=LASTS)) as folder:
+        monkeypatch.setenv("XDG_RUNTIME_DIR", str(runtime))
+        if has_run_there:
+            (runtime / "mazebot" / str(folder.port)).mkdir(parents=True)
+        assert StackFolder(folder.port).running() == folder.running()
+        assert folder.running() in list(running_stacks())
+        # Others could have written there what they like.
+        folder.path.parent.chmod(0o777)
+        assert StackFolder(folder.port).running() is None
 
 
 def test_the_log_is_followed_over_a_change_of_its_file(

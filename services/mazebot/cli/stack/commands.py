@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import sys
 import time
 from pathlib import Path
@@ -28,6 +29,8 @@ _ACTIVE_S = 180.0
 """Time for the services to become active."""
 _OTHERS_S, _LATER_S = 20.0, 3.0
 """For so long what others send is waited for, where there are some, and where they may come yet."""
+_ANSWER_S = 1.0
+"""For so long whoever listens on this machine may take to take a connection."""
 
 RouterPort = Annotated[
     int | None,
@@ -225,6 +228,9 @@ def down(port: RouterPort = None) -> None:
 
     folder = StackFolder(router_port(port))
     if folder.running() is None:
+        if _listens(folder.port):
+            sys.stderr.write(f"error: down: {_nothing(folder)}\n")
+            raise typer.Exit(1)
         _say(_nothing(folder))
         return
     _say("ending the services")
@@ -315,7 +321,22 @@ def _nothing(folder: StackFolder) -> str:
 
     others = [state.endpoint.rpartition(":")[2] for state in running_stacks()]
     hint = f"; another one does: --router-port {' or '.join(others)}" if others else ""
+    if _listens(folder.port):
+        return (
+            f"something listens on port {folder.port} that is no stack this shell knows of: "
+            "containers (docker compose ps), a demo with --console, or a mazebot up of another "
+            f"user or with another TMPDIR or XDG_RUNTIME_DIR{hint}"
+        )
     return f"no stack runs on port {folder.port}: mazebot up starts one{hint}"
+
+
+def _listens(port: int) -> bool:
+    """Whether somebody does, on this machine."""
+    try:
+        socket.create_connection(("127.0.0.1", port), _ANSWER_S).close()
+    except OSError:
+        return False
+    return True
 
 
 def _duration(seconds: float) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import os
 from collections.abc import Iterator
@@ -11,7 +12,7 @@ from typing import BinaryIO, Literal
 from pydantic import BaseModel, ValidationError
 
 from mazebot.common.config import ConfigError
-from mazebot.common.files.key_file import KEYS, stacks_folder
+from mazebot.common.files.key_file import KEYS, is_own, stacks_folder, stacks_folders
 
 _STATE, _LOCK = "state.json", "lock"
 
@@ -98,9 +99,13 @@ class StackFolder:
     """The folder of the stack of one user on one port."""
 
     def __init__(self, port: int) -> None:
-        """Raises ConfigError where the folder belongs to another user."""
+        """That in which it runs, or has run, or would run first. Raises ConfigError where the
+        folder of new stacks belongs to another user.
+        """
         self.port = port
-        self.path = _stacks() / str(port)
+        new = _stacks() / str(port)
+        there = [path for folder in stacks_folders() if (path := folder / str(port)).is_dir()]
+        self.path = next(filter(_running_in, there), next(iter(there), new))
 
     def locked(self) -> BinaryIO | None:
         """The lock of the stack, as an open file; None: another process has it."""
@@ -121,18 +126,11 @@ class StackFolder:
 
     def read(self) -> StackState | None:
         """The state as last written; None: no stack was started, or it was ended by `down`."""
-        try:
-            return StackState.model_validate_json((self.path / _STATE).read_bytes())
-        except (OSError, ValidationError):
-            return None
+        return _state_in(self.path)
 
     def running(self) -> StackState | None:
         """The state of the stack if it runs, or a process of it does."""
-        state = self.read()
-        if state is None:
-            return None
-        processes = [state.supervisor, *(one.process for one in state.services if one.process)]
-        return state if any(process.runs() for process in processes) else None
+        return _running_in(self.path)
 
     def use_keys(self, folder: Path | None) -> None:
         """Let this user's tools find the keys of the stack; None: it has none."""
@@ -146,23 +144,38 @@ class StackFolder:
         self.use_keys(None)
 
 
+def _state_in(path: Path) -> StackState | None:
+    try:
+        return StackState.model_validate_json((path / _STATE).read_bytes())
+    except (OSError, ValidationError):
+        return None
+
+
+def _running_in(path: Path) -> StackState | None:
+    state = _state_in(path)
+    if state is None:
+        return None
+    processes = [state.supervisor, *(one.process for one in state.services if one.process)]
+    return state if any(process.runs() for process in processes) else None
+
+
 def running_stacks() -> Iterator[StackState]:
-    """All stacks of this user."""
-    for path in sorted(_stacks().iterdir()):
-        if path.name.isdecimal():
-            state = StackFolder(int(path.name)).running()
-            if state is not None:
-                yield state
+    """All stacks of this user, by port."""
+    names = {path.name for folder in stacks_folders() for path in folder.iterdir()}
+    for port in sorted(int(name) for name in names if name.isdecimal()):
+        state = StackFolder(port).running()
+        if state is not None:
+            yield state
 
 
 def _stacks() -> Path:
-    """The folder of all stacks of this user, readable by nobody else.
+    """The folder of new stacks of this user, readable by nobody else.
 
     Raises ConfigError where it belongs to another user.
     """
     folder = stacks_folder()
-    folder.mkdir(mode=0o700, exist_ok=True)
-    status = folder.lstat()
-    if folder.is_symlink() or status.st_uid != os.getuid() or status.st_mode & 0o022:
+    with contextlib.suppress(FileExistsError):
+        folder.mkdir(mode=0o700)
+    if not is_own(folder):
         raise ConfigError(f"{folder}: must be a folder that only you may write: remove it")
     return folder

@@ -8,6 +8,7 @@ import base64
 import json
 import os
 import re
+import stat
 import tempfile
 from pathlib import Path
 from typing import NamedTuple
@@ -115,11 +116,34 @@ def in_base64(text: str) -> str:
 
 
 def stacks_folder() -> Path:
-    """The folder of all stacks of this user, whether it is there or not."""
+    """The folder of new stacks of this user, whether it is there or not."""
     runtime = os.environ.get("XDG_RUNTIME_DIR")
     if runtime and os.access(runtime, os.W_OK):
         return Path(runtime) / "mazebot"
-    return Path(tempfile.gettempdir()) / f"mazebot-{os.getuid()}"
+    return _in_temporary(tempfile.gettempdir())
+
+
+def stacks_folders() -> list[Path]:
+    """The folders with stacks of this user that are there, that of new ones first: another shell
+    of the user may have another environment. Those that others may write are left out.
+    """
+    runtime = Path("/run/user") / str(os.getuid()) / "mazebot"
+    usual = (runtime, _in_temporary(tempfile.gettempdir()), _in_temporary("/tmp"))
+    return [folder for folder in dict.fromkeys((stacks_folder(), *usual)) if is_own(folder)]
+
+
+def _in_temporary(folder: str) -> Path:
+    return Path(folder) / f"mazebot-{os.getuid()}"
+
+
+def is_own(folder: Path) -> bool:
+    """Whether it is a folder of this user that nobody else may write."""
+    try:
+        status = folder.lstat()
+    except OSError:
+        return False
+    own = stat.S_ISDIR(status.st_mode) and status.st_uid == os.getuid()
+    return own and not status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
 
 
 def operators_key(endpoint: str) -> Path | None:
@@ -129,8 +153,10 @@ def operators_key(endpoint: str) -> Path | None:
     found = _LOOPBACK.fullmatch(endpoint)
     if found is None:
         return None
-    path = file_of(stacks_folder() / found["port"] / KEYS, "operator")
-    return path if path.exists() else None
+    keys = [folder / found["port"] / KEYS for folder in stacks_folders()]
+    files = [path for path in (file_of(one, "operator") for one in keys) if path.exists()]
+    # A stack that was killed leaves its own.
+    return max(files, key=lambda path: path.parent.lstat().st_mtime, default=None)
 
 
 def operators_key_here(endpoint: str) -> Path | None:
