@@ -85,6 +85,10 @@ HERE = Keys()
         ([], "no node of Mazebot in domain 0"),
         (stack(Keys(domain_id=7)), "must be ROS_DOMAIN_ID=7"),
         (
+            stack(Keys(prefix="bot1/")),
+            "in namespace /, but in namespace /bot1: must be MAZEBOT_BUS_PREFIX=bot1",
+        ),
+        (
             [*stack(HERE), Keys(domain_id=7).node_token("c", 0, "rviz")],
             "/rviz: in domain 7: must be in 0",
         ),
@@ -131,6 +135,15 @@ def test_what_is_wrong_in_the_graph_is_told(tokens: list[str], text: str) -> Non
     wrong = of(tokens).wrong
     assert any(text in each for each in wrong), wrong
     assert all("\n" not in each for each in wrong)
+
+
+def test_a_stack_in_another_namespace_is_none_of_others() -> None:
+    tokens = [*stack(HERE), HERE.node_token("c3", 0, "rviz")]
+    found = of(tokens, prefix="nobody")
+    assert found.wrong == [
+        "no node of Mazebot in namespace /nobody, but in namespace /: must be MAZEBOT_BUS_PREFIX=''"
+    ]
+    assert found.found.endswith(f"0 nodes of Mazebot, {len(SERVICES)} of Mazebot in /, 1 of others")
 
 
 @pytest.mark.parametrize("form", ["kilted", "lyrical"])

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from mazebot.cli.parsing.options import print_json
 from mazebot.common.bus.config import BusConfig
 from mazebot.common.bus.liveliness import graph_name
+from mazebot.common.client.elsewhere import differences, places_of
 from mazebot.common.client.robot import HOW_TO_START
 from mazebot.common.files.key_file import Key, sign_in
 from mazebot.common.messages.keys import (
@@ -122,7 +123,7 @@ def diagnose(
     tokens = list(tokens)
     nodes = [node for node in map(node_in, tokens) if node is not None]
     ours, others = _sorted_out(nodes, config.keys)
-    wrong += _wrong_domains(nodes, ours, config)
+    wrong += _wrong_places(nodes, ours, config)
     wrong += [
         f"{name} is there {count} times: two stacks in one domain need a namespace each "
         "(MAZEBOT_BUS_PREFIX)"
@@ -133,9 +134,11 @@ def diagnose(
     endpoints = [end for end in map(config.keys.endpoint, tokens) if end is not None]
     wrong += _wrong_types([end for end in endpoints if end.node not in names], config.keys)
     wrong += _rivals(endpoints, names, config.keys)
+    stacks = Counter(node.name.rpartition("/")[0] or "/" for node in others if _is_service(node))
     diagnosis.found = (
         f"router at {config.connect}, domain {config.domain_id}: {len(ours)} nodes of Mazebot, "
-        f"{len(others)} of others"
+        + "".join(f"{count} of Mazebot in {where}, " for where, count in sorted(stacks.items()))
+        + f"{len(others) - stacks.total()} of others"
     )
     return diagnosis
 
@@ -193,29 +196,40 @@ def _sorted_out(
     )
 
 
-def _wrong_domains(
+def _is_service(node: GraphPlace) -> bool:
+    """Whether it is a node of some stack, by its name."""
+    return node.name.rpartition("/")[2] in SERVICES
+
+
+def _wrong_places(
     nodes: Iterable[GraphPlace], ours: Iterable[GraphPlace], config: BusConfig
 ) -> list[str]:
+    """Stacks that are looked for in another domain or namespace than theirs, and nodes of others in
+    a domain without a stack.
+    """
+    nodes, keys = list(nodes), config.keys
+    stacks = places_of(nodes, SERVICES)
+    if not list(ours):
+        ways = [differences(place, keys) for place in stacks]
+        nearest = min(ways, key=len, default=None)
+        if nearest is None:
+            return [
+                f"no node of Mazebot in domain {config.domain_id} at {config.connect}: start a "
+                f"stack: {HOW_TO_START}"
+            ]
+        here, there, settings = (
+            " and ".join(parts) for parts in zip(*nearest, strict=True)
+        )  # fmt: skip
+        return [f"no node of Mazebot in {here}, but in {there}: must be {settings}"]
     elsewhere: dict[str, list[str]] = defaultdict(list)
     for node in nodes:
-        if node.domain != str(config.domain_id):
-            elsewhere[node.domain].append(node.name)
-    if not list(ours):
-        for domain, names in elsewhere.items():
-            if {name.rpartition("/")[2] for name in names} & {*SERVICES}:
-                return [
-                    f"no node of Mazebot in domain {config.domain_id}, but in {domain}: must be "
-                    f"ROS_DOMAIN_ID={domain}"
-                ]
-        return [
-            f"no node of Mazebot in domain {config.domain_id} at {config.connect}: start a stack: "
-            f"{HOW_TO_START}"
-        ]
+        elsewhere[node.domain].append(node.name)
+    occupied = {place.domain for place in stacks}
     return [
         f"{', '.join(sorted(names)[:5])}: in domain {domain}: must be in {config.domain_id}, or "
         "else be of another stack"
         for domain, names in elsewhere.items()
-        if not {name.rpartition("/")[2] for name in names} & {*SERVICES}
+        if domain not in occupied
     ]
 
 

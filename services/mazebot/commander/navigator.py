@@ -370,6 +370,7 @@ class Navigator:
                 self._robot.alive()
                 raise TimeoutError(
                     f"waitUntilNav2Active: timed out after {timeout_s:g} s waiting for {what}"
+                    f"{self._robot.elsewhere('navigation')}"
                 )
             self._robot.wait(_TICK_S)
             before_ns, now_ns = now_ns, self._robot.now_ns()

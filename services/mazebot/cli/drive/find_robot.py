@@ -36,7 +36,8 @@ def find_robot(endpoint: str, timeout_s: float | None, as_json: bool) -> int:
     """
     with ZenohRobot(endpoint) as robot, ProgressLine(not as_json) as line:
         if not wait_until_alive(robot, "localization", PATIENCE_S):
-            raise ConfigError("localize: no localization service is running")
+            hint = robot.elsewhere("localization")
+            raise ConfigError(f"localize: no localization service is running{hint}")
         if stats_now(robot, "localize").paused:
             raise ConfigError(f"localize: {PAUSED}")
         watch = ServiceWatch(robot, "localization")

@@ -45,7 +45,7 @@ def ready(robot: Robot, who: str) -> int:
 def await_navigation(robot: Robot, who: str) -> None:
     """Raises ConfigError where no navigation service is running."""
     if not wait_until_alive(robot, "navigation", PATIENCE_S):
-        raise ConfigError(f"{who}: no navigation service is running")
+        raise ConfigError(f"{who}: no navigation service is running{robot.elsewhere('navigation')}")
 
 
 def run_task(

@@ -43,6 +43,7 @@ def publish_messages(
         if not robot.alive().keys() & set(topic.readers):
             raise ConfigError(
                 f"topic pub: {topic.name}: no {' or '.join(topic.readers)} is running"
+                f"{robot.elsewhere(*topic.readers)}"
             )
         begin_ns = round(stats_now(robot, "topic pub").sim_time_s * 1e9)
         sent, next_s = 0, time.monotonic()

@@ -19,22 +19,24 @@ from mazebot.cli.parsing.options import print_json
 from mazebot.cli.parsing.patience import wait_quietly
 from mazebot.cli.sim import paused
 from mazebot.common.client.over_zenoh import ZenohRobot
-from mazebot.common.client.robot import Robot
+from mazebot.common.client.robot import NO_STACK, Robot
 from mazebot.common.client.service_watch import Silence
 from mazebot.common.client.subscription import Subscription
 from mazebot.common.config import ConfigError
 from mazebot.common.messages import wire
 from mazebot.common.messages.documents import Document
-from mazebot.common.messages.topics import BY_NAME, EDGE, TOPICS, Topic
+from mazebot.common.messages.topics import BY_NAME, EDGE, SERVICES, TOPICS, Topic
 
 ARRAY_SHOWN = 12
 """Numbers of an array to print; of the rest only the count."""
 
 
 def list_topics(endpoint: str, verbose: bool, as_json: bool) -> None:
-    """Print the topics whose owners are running."""
+    """Print the topics whose owners are running; where none is, standard error tells so."""
     with ZenohRobot(endpoint) as robot:
         services = robot.alive().keys()
+        if not services:
+            sys.stderr.write(f"{NO_STACK}{robot.elsewhere(*SERVICES)}\n")
     there = sorted(
         (topic for topic in TOPICS if services & set(topic.owners)), key=lambda topic: topic.name
     )
@@ -51,6 +53,8 @@ def print_topic(endpoint: str, name: str, as_json: bool) -> None:
     topic = named_topic(name)
     with ZenohRobot(endpoint) as robot:
         services, key = robot.alive(), robot.keys.of_topic(topic)
+        if not services:
+            sys.stderr.write(f"{NO_STACK}{robot.elsewhere(*SERVICES)}\n")
     info = {
         "name": topic.name,
         "type": wire.type_name(topic),
@@ -166,7 +170,8 @@ def _print_next(messages: Subscription, as_json: bool) -> bool:
 
 def _too_few(robot: Robot, topic: Topic[object], problem: str) -> ConfigError:
     why = paused(robot)
-    return ConfigError(f"{topic.name}: {problem}{f'; {why}' if why else ''}")
+    hint = f"; {why}" if why else robot.elsewhere(*topic.owners)
+    return ConfigError(f"{topic.name}: {problem}{hint}")
 
 
 def in_json(message: object) -> Any:

@@ -11,12 +11,15 @@ import zenoh
 
 from mazebot.common.messages.keys import (
     DEFAULT_KEYS,
+    NODE_TOKENS,
     PUBLISHER,
     SUBSCRIBER,
     Endpoint,
+    GraphPlace,
     Keys,
     Kind,
     gid_of,
+    node_in,
 )
 from mazebot.common.messages.topics import EDGE, Topic
 
@@ -70,6 +73,16 @@ def alive(
             service, source = service_and_source(reply.ok.key_expr)
             found[service].add(source)
     return {service: frozenset(sources) for service, sources in found.items()}
+
+
+def nodes_anywhere(session: zenoh.Session, timeout_s: float = 1.0) -> list[GraphPlace]:
+    """The nodes of ROS 2's graph in all domains; none where the router does not tell."""
+    try:
+        replies = session.liveliness().get(NODE_TOKENS, timeout=timeout_s)
+        tokens = [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
+    except zenoh.ZError:
+        return []
+    return [node for node in map(node_in, tokens) if node is not None]
 
 
 def watch_sources(

@@ -12,11 +12,12 @@ import zenoh
 
 from mazebot.common.bus.attachment import pack_attachment
 from mazebot.common.bus.config import BusConfig
-from mazebot.common.bus.liveliness import GraphNode, alive, graph_name
+from mazebot.common.bus.liveliness import GraphNode, alive, graph_name, nodes_anywhere
 from mazebot.common.bus.publisher import publish
 from mazebot.common.bus.query import NoReplyError, QueryError, ask
 from mazebot.common.bus.session import BusUnavailableError, join
 from mazebot.common.bus.subscriber import subscribe
+from mazebot.common.client.elsewhere import elsewhere
 from mazebot.common.client.robot import (
     CLOSED,
     HOW_TO_START,
@@ -95,7 +96,7 @@ class ZenohRobot(Robot):
         except NoReplyError as error:
             # Without the router, that tells why, or signs in with another key.
             if self._is_connected() or query.owner not in self.alive():
-                raise RobotError(str(error)) from error
+                raise RobotError(f"{error}{self.elsewhere(query.owner)}") from error
         try:
             return self._ask(query, message, timeout_s)
         except NoReplyError as error:
@@ -194,6 +195,10 @@ class ZenohRobot(Robot):
         # The router has a token, too: where there is none, this session has lost it.
         found = alive(self._session, self.keys) or self._alive_anew()
         return {name: found[name] for name in SERVICES if name in found}
+
+    def elsewhere(self, *services: str) -> str:
+        """See Robot."""
+        return elsewhere(nodes_anywhere(self._session), services, self.keys)
 
     def _alive_anew(self) -> Mapping[str, frozenset[str]]:
         """What a new session finds. Where the key was replaced, it takes this one's place: Zenoh

@@ -82,6 +82,13 @@ class Robot(ABC):
         Raises UnreachableError where the router is lost.
         """
 
+    def elsewhere(self, *services: str) -> str:
+        """Where any of some services runs that is not here, to be appended to an error: in another
+        domain or namespace of the same router. Empty: nowhere, or that is not known.
+        """
+        del services
+        return ""
+
     @abstractmethod
     def now_ns(self) -> int:
         """Simulation time as last received; 0 before that."""

@@ -33,6 +33,8 @@ LATCHED_QOS = ":1:,1:,:,:,,"
 _GRAPH, _NODE = "@ros2_lv", "NN"
 ALL_TOKENS = f"{_GRAPH}/**"
 """The tokens of ROS 2's graph in all domains."""
+NODE_TOKENS = f"{_GRAPH}/*/*/*/*/{_NODE}/*/*/*"
+"""Those of nodes."""
 _RESENT = 100
 _DDS_TYPE = re.compile(r"(\w+)::(msg|srv|action)::dds_::(\w+)_")
 
