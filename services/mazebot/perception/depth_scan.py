@@ -63,6 +63,11 @@ class DepthScanParams(Params):
     )
     beams: int = Field(160, ge=2, le=4096, description="beams over the image's width")
 
+    @property
+    def tilt_tolerance_rad(self) -> float:
+        """Of a robot that is tilted more, the floor at `range_max_m` would be an obstacle."""
+        return self.floor_slope + self.min_obstacle_height / self.range_max_m
+
 
 @dataclass(frozen=True, eq=False)
 class DepthScan:

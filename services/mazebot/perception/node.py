@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections import Counter, deque
 from collections.abc import Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -32,6 +33,7 @@ from mazebot.common.messages.topics import (
     DEPTH_SCAN,
     DETECTIONS,
     ENTITIES,
+    IMU,
     MAP_DETECTIONS,
     PHOTO,
     PHOTO_REQUEST,
@@ -57,6 +59,7 @@ from mazebot.perception.find import Findings, Found, MarkerFinder, Name
 from mazebot.perception.picture import png_from_rgb
 from mazebot.perception.pose import Camera
 from mazebot.perception.sampling import brightness_at
+from mazebot.perception.tilt import Tilt
 
 _INFOS_KEPT = 10
 _ODOMETRY_KEPT = 100
@@ -101,6 +104,9 @@ class PerceptionNode(Node):
         self._depth_info: msg.CameraInfo | None = None
         self._view_judged: tuple[tuple[int, int], bytes] | None = None
         """Size, lens and place of the camera that was looked at for whether it sees the floor."""
+        self._tilt = Tilt(config.depth_scan.tilt_tolerance_rad)
+        self._tilted_rad = 0.0
+        """By how much the robot was tilted at the newest depth image, which was not used then."""
         self._entities: Entities | None = None
         self._finder = MarkerFinder(config)
         self._dictionaries: dict[str, cv2.aruco.Dictionary] = {}
@@ -140,6 +146,7 @@ class PerceptionNode(Node):
         self._now_ns = now_ns
         self._take_world(inbox)
         self._take_transforms(inbox)
+        self._take_imu(inbox)
         stats = inbox.latest(SIMULATION_STATS)
         if stats is not None:
             self._has_camera = stats.renderer != "none"
@@ -181,6 +188,11 @@ class PerceptionNode(Node):
             return "the camera's intrinsics"
         return "an image" if self._has_camera else None
 
+    def warning(self) -> str:
+        """See Node: that the robot is tilted."""
+        degrees = math.degrees(self._tilted_rad)
+        return f"robot tilted by {degrees:.1f} degrees: depth images not used" if degrees else ""
+
     def prepare(self) -> None:
         """See Node."""
         nowhere = np.zeros((1, 1))
@@ -221,6 +233,8 @@ class PerceptionNode(Node):
             self._search.found.exception()
             self._search = None
         self._depth = None
+        self._tilt.forget()
+        self._tilted_rad = 0.0
         self._image = self._photo_wanted_ns = None
         self._infos.clear()
         self._odom_from_base.clear()
@@ -271,6 +285,14 @@ class PerceptionNode(Node):
                 elif pair == (MAP_FRAME, ODOM_FRAME):
                     self._map_from_odom = entry.transform
 
+    def _take_imu(self, inbox: Inbox) -> None:
+        for imu in inbox.new(IMU):
+            base_from_imu = self._static_frames.chain(BASE_FOOTPRINT_FRAME, imu.header.frame_id)
+            # By ROS, -1 is of a sensor that does not measure this.
+            covariances = imu.angular_velocity_covariance, imu.linear_acceleration_covariance
+            if base_from_imu is not None and all(one[0] >= 0.0 for one in covariances):
+                self._tilt.take(imu, base_from_imu)
+
     def _take_depth(self, inbox: Inbox, outbox: Outbox) -> None:
         """Begin to make a scan of the newest depth image."""
         infos, images = inbox.new(DEPTH_INFO), inbox.new(DEPTH_IMAGE)
@@ -309,10 +331,17 @@ class PerceptionNode(Node):
                         "avoided; %s",
                         looks,
                     )
+            stamp_ns = msg.ns_from_time(image.header.stamp)
+            tilt_rad = self._tilt.at(stamp_ns)
+            is_level = tilt_rad <= config.tilt_tolerance_rad
+            self._tilted_rad = 0.0 if is_level else tilt_rad
             scan = self._worker.submit(
-                lambda: depth_scan(_depths(image), intrinsics, base_from_camera, yaw_rad, config)
-            )
-            self._depth = msg.ns_from_time(image.header.stamp), mount, scan
+                lambda: depth_scan(
+                    _depths(image) if is_level else _nothing(image),
+                    intrinsics, base_from_camera, yaw_rad, config,
+                )
+            )  # fmt: skip
+            self._depth = stamp_ns, mount, scan
 
     def _publish_depth_scan(self, outbox: Outbox) -> None:
         """Publish the scan of the depth image before."""
@@ -423,6 +452,13 @@ def _depths(image: msg.Image) -> Depths:
     # The kernel is compiled for arrays that can be written to.
     depth_m: Depths = pixels if pixels.flags.writeable else pixels.copy()
     return depth_m
+
+
+def _nothing(image: msg.Image) -> Depths:
+    """(h, w), nothing measured: of a tilted robot, the floor looks like a thing that stands there,
+    or things like the floor.
+    """
+    return np.zeros((image.height, image.width), np.float32)
 
 
 def _scan_message(stamp_ns: int, mount: Mount, scan: DepthScan) -> msg.LaserScan:

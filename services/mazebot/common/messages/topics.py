@@ -179,8 +179,8 @@ BATTERY_STATE = Topic(
     "charge of the battery, 0 to 1 in `percentage`, as in ROS", rate_hz=1,
 )  # fmt: skip
 IMU = Topic(
-    "/imu", msg.Imu, ("physics",), ("recorder",), _LATEST,
-    "gyroscope and accelerometer", rate_hz=120, depth=10,
+    "/imu", msg.Imu, ("physics",), ("perception", "recorder"), _LATEST,
+    "gyroscope and accelerometer", rate_hz=120, depth=60,
 )  # fmt: skip
 SCAN = Topic(
     "/scan", msg.LaserScan, ("physics",),
