@@ -64,7 +64,7 @@ POSES = {
     "mapping/graph/landmarks.py": 4,
     "mapping/loops/carried_off.py": 4,
     "mapping/loops/loop_closer.py": 3,
-    "mapping/loops/loop_closing.py": 1,
+    "mapping/loops/loop_closing.py": 2,
     "mapping/matching/scan_points.py": 1,
     "mapping/node.py": 1,
     "mapping/matching/occupancy.py": 6,

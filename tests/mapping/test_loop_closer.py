@@ -69,7 +69,7 @@ def test_without_it_the_false_loop_stays_and_the_right_ones_do_not_come_in() -> 
     assert errors_m(world.graph, world.truth).mean() > 0.6
 
 
-def test_loops_that_agree_are_closed_together_where_the_graph_is_too_sure() -> None:
+def drifted_circle(turn_rad: float) -> tuple[Graph, list[SE2]]:
     """A way whose steps all err to one side, by more than their covariances say of the sum."""
     graph = Graph()
     count = 80
@@ -79,19 +79,41 @@ def test_loops_that_agree_are_closed_together_where_the_graph_is_too_sure() -> N
     graph.add_node(pose)
     for i in range(1, count):
         step = truth[i - 1].inverse() @ truth[i]
-        pose = pose @ SE2(step.x_m * 1.02, step.y_m, step.yaw_rad + 0.0025)
+        pose = pose @ SE2(step.x_m * 1.02, step.y_m, step.yaw_rad + turn_rad)
         graph.add_node(pose)
         covariance = np.diag([1e-4, 1e-4, 2e-5])
         graph.add_edge(ODOMETRY, i - 1, i, graph.pose(i - 1).inverse() @ pose, covariance)
-    closer = LoopCloser(graph)
-    verdicts = [
-        closer.close(Candidate(i, j, truth[i].inverse() @ truth[j], np.diag([1e-4, 1e-4, 2e-5])))
+    return graph, truth
+
+
+def closed_round(truth: list[SE2]) -> list[Candidate]:
+    return [
+        Candidate(i, j, truth[i].inverse() @ truth[j], np.diag([1e-4, 1e-4, 2e-5]))
         for i, j in ((0, 77), (1, 78), (2, 79))
     ]
+
+
+def test_loops_that_agree_are_closed_together_where_the_graph_is_too_sure() -> None:
+    graph, truth = drifted_circle(0.0025)
+    closer = LoopCloser(graph)
+    verdicts = [closer.close(loop) for loop in closed_round(truth)]
     assert [verdict.accepted for verdict in verdicts] == [False, False, True]
     assert all(verdict.innovation > CHI2_99 for verdict in verdicts)
     assert (closer.closed, closer.rejected) == (3, 0)
     assert errors_m(graph, truth).max() < 0.3
+
+
+@pytest.mark.parametrize("explained", [False, True])
+def test_loops_that_agree_far_beyond_that_are_closed_where_they_explain_what_is_seen(
+    explained: bool,
+) -> None:
+    graph, truth = drifted_circle(0.005)
+    closer = LoopCloser(graph)
+    for loop in closed_round(truth):
+        verdict = closer.close(loop, lambda _: explained)
+        assert verdict.innovation > 6.0 * CHI2_99
+    assert (closer.closed, closer.rejected) == ((3, 0) if explained else (0, 3))
+    assert (errors_m(graph, truth).max() < 0.4) == explained
 
 
 @pytest.mark.parametrize("seed", range(2))

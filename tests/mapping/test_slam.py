@@ -77,6 +77,27 @@ def test_a_loop_is_closed_and_bends_the_map_straight() -> None:
     assert max(off) < 0.03
 
 
+def test_loops_that_agree_are_closed_however_sure_of_itself_odometry_is_said_to_be() -> None:
+    """Where the walls of each pass stand on the floor of the other, the loops are right."""
+    poses = ring_way()
+    steps = log(ring(), poses, slip=0.05, noise_m_per_sqrt_m=0.03)
+    sure = PARAMS.model_copy(
+        update={
+            "use_scan_matching": False,
+            "odometry_translation_ratio": 0.03,
+            "odometry_translation_std_m_per_sqrt_m": 0.01,
+            "odometry_rotation_ratio": 0.03,
+            "odometry_rotation_std_rad_per_sqrt_m": 0.08,
+        }
+    )
+    assert drifted(steps, poses[0]) > 2.0
+    slam = slam_of(steps, sure)
+    assert slam.loops >= 3
+    true = {step.stamp_ns: step.true for step in steps}
+    off = [node.pose.se2().distance_m(true[node.stamp_ns]) for node in slam.document(0).nodes]
+    assert np.mean(off) < 0.5
+
+
 def test_a_known_place_makes_neither_graph_nor_map_grow() -> None:
     room = [(0.7, 0.7), (1.4, 1.6), (3.2, 1.8), (3.2, 2.3), (1.4, 2.4)]
     poses = way(room * 4)

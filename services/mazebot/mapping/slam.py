@@ -27,7 +27,7 @@ from mazebot.mapping.graph.optimizer import CHI2_99, Covariances
 from mazebot.mapping.graph.pose_graph import ODOMETRY, SCAN_MATCH, Graph, information_of
 from mazebot.mapping.loops.carried_off import CarriedOff
 from mazebot.mapping.loops.loop_closer import LoopCloser
-from mazebot.mapping.loops.loop_closing import find_loop
+from mazebot.mapping.loops.loop_closing import explains, find_loop
 from mazebot.mapping.matching.correlative import correlate
 from mazebot.mapping.matching.local_map import LocalMap, compacted, local_map
 from mazebot.mapping.matching.occupancy import (
@@ -892,7 +892,9 @@ class Slam:
         if candidate is None:
             return
         before = self._graph.pose(self._reference)
-        verdict = self._closer.close(candidate)
+        verdict = self._closer.close(
+            candidate, lambda loop: explains(self._graph, self._seen, loop, self._params)
+        )
         self.graph_version += 1
         if not verdict.accepted:
             return

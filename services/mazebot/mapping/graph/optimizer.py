@@ -219,19 +219,24 @@ def innovation(graph: Graph, candidate: Candidate, covariances: Covariances) -> 
 
 
 def close_loop(
-    graph: Graph, candidates: Candidate | Sequence[Candidate], limit: float = CHI2_99
+    graph: Graph,
+    candidates: Candidate | Sequence[Candidate],
+    limit: float = CHI2_99,
+    gate: float | None = None,
 ) -> LoopVerdict:
     """Try a loop, or several that stand and fall together: gate by the relative covariance, add
     with a robust kernel, optimise, test again. Where rejected the graph is as before, bit by bit.
 
     `limit`: the largest chi2 of each in the gate and after optimising. Of the other edges none may
     go beyond the limit by it, and their chi2 together may grow by it for each candidate.
+    `gate`: the largest chi2 in the gate, if that is another.
     """
+    gate = limit if gate is None else gate
     tried = [candidates] if isinstance(candidates, Candidate) else list(candidates)
     covariances = Covariances(graph)
     worst = max((innovation(graph, each, covariances) for each in tried), default=math.inf)
-    if not worst <= limit:
-        reason = f"{worst:.1f} from where it is expected, more than {limit:g}"
+    if not worst <= gate:
+        reason = f"{worst:.1f} from where it is expected, more than {gate:g}"
         return LoopVerdict(False, reason, worst, math.nan)
     before = chi2(graph)
     saved = graph.snapshot()

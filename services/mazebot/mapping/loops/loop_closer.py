@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -53,9 +53,15 @@ class LoopCloser:
         self.rejected = rejected
         """Loops tried and found wrong, those taken back included."""
 
-    def close(self, candidates: Candidate | Sequence[Candidate]) -> LoopVerdict:
+    def close(
+        self,
+        candidates: Candidate | Sequence[Candidate],
+        explains: Callable[[Candidate], bool] = lambda _: False,
+    ) -> LoopVerdict:
         """As `close_loop`. If rejected, but with earlier rejected ones more credible than one that
-        was accepted, these replace it: then it is accepted, too, and the indices of edges change.
+        was accepted, or than the graph, it is accepted with them, and the indices of edges change.
+
+        `explains`: whether the map contradicts itself as it is, and would not with this loop.
         """
         tried = [candidates] if isinstance(candidates, Candidate) else list(candidates)
         limit = self._limit * self._excess
@@ -71,7 +77,10 @@ class LoopCloser:
         alike = {one.target: one for one in self._rejected if self._alike(one, tried[0])}
         if len(alike) < _VOTES:
             return verdict
-        together = self._exchanged(limit) or self._agreed(list(alike.values()))
+        agreed = list(alike.values())
+        together = self._exchanged(limit) or self._agreed(agreed, _TOGETHER * self._limit)
+        if together is None and all(explains(one) for one in agreed[-_VOTES:]):
+            together = self._agreed(agreed, math.inf)
         if together is not None:
             self._innovations.append(together.innovation)
         return together or verdict
@@ -129,11 +138,11 @@ class LoopCloser:
             graph.restore(saved)
         return None
 
-    def _agreed(self, alike: list[Candidate]) -> LoopVerdict | None:
+    def _agreed(self, alike: list[Candidate], gate: float) -> LoopVerdict | None:
         """Close rejected loops together that agree with each other: what they contradict may be
         surer of itself than it should be, as where the same error adds up all along a way.
         """
-        verdict = close_loop(self._graph, alike, _TOGETHER * self._limit)
+        verdict = close_loop(self._graph, alike, _TOGETHER * self._limit, gate)
         if not verdict.accepted:
             return None
         used = {id(one) for one in alike}
