@@ -73,9 +73,21 @@ class WireError(ValueError):
 
 def type_name(topic: Topic[M]) -> str:
     """ROS type name of a topic's messages on the wire."""
-    if issubclass(topic.type, Document):
-        return document_types.type_name_of(topic.type)
-    return cast("type[msg.RosMessage]", topic.type).__msgtype__
+    kind: Any = topic.type
+    return _type_name(kind)
+
+
+@functools.cache
+def _type_name(kind: Any) -> str:
+    if _is_document(kind):
+        return document_types.type_name_of(kind)
+    return cast("type[msg.RosMessage]", kind).__msgtype__
+
+
+@functools.cache
+def _is_document(kind: Any) -> bool:
+    """Asked for each message: of Pydantic's classes the answer takes as long as a short message."""
+    return issubclass(kind, Document)
 
 
 def encode(topic: Topic[M], message: M) -> bytes:
@@ -84,12 +96,13 @@ def encode(topic: Topic[M], message: M) -> bytes:
 
     Raises WireError where the message does not fit its type.
     """
-    if isinstance(message, msg.Image | msg.CompressedImage) and len(message.data):
+    if isinstance(message, _PICTURES) and len(message.data):
         return b"".join(encode_in_pieces(topic, message))
     try:
-        if isinstance(message, Document):
-            kind = document_types.type_name_of(type(message))
-            return cdr.encode(kind, document_types.pack(message))
+        kind: Any = type(message)
+        if _is_document(kind):
+            document = cast("Document", message)
+            return cdr.encode(_type_name(kind), document_types.pack(document))
         return cdr.encode(type_name(topic), message)
     except (AttributeError, TypeError, ValueError, OverflowError, struct.error) as error:
         raise WireError("wrong type", str(error)) from error
@@ -117,6 +130,7 @@ def encode_in_pieces(topic: Topic[M], message: M) -> tuple[Buffer, ...]:
     return head[: -_LENGTH.size] + _LENGTH.pack(len(pixels)), pixels
 
 
+_PICTURES = (msg.Image, msg.CompressedImage)
 _NO_PIXELS = np.zeros(0, np.uint8)
 _LENGTH = struct.Struct("<I")
 
