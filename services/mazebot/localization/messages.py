@@ -12,6 +12,7 @@ from mazebot.common.maths import portable, portable_kernels
 from mazebot.common.maths.frames import MAP_FRAME, SE2, Array
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.documents import UnseenArea
+from mazebot.common.messages.rows import poses_from_array
 from mazebot.localization.likelihood_field import OCCUPIED
 
 _MAX_PARTICLES_SHOWN = 500
@@ -22,12 +23,9 @@ def cloud_message(now_ns: int, particles: Array) -> msg.PoseArray:
     # Of no particles, as where the search for the pose has no hypothesis left, it is empty.
     shown = particles[:: max(1, -(-len(particles) // _MAX_PARTICLES_SHOWN))]
     cos, sin = portable_kernels.cos_sin_each(shown[:, 2] / 2.0)
-    zeros = [0.0] * len(shown)
-    points = map(msg.Point, shown[:, 0].tolist(), shown[:, 1].tolist(), zeros)
-    turns = map(msg.Quaternion, zeros, zeros, sin.tolist(), cos.tolist())
-    return msg.PoseArray(
-        header=msg.header(now_ns, MAP_FRAME), poses=list(map(msg.Pose, points, turns))
-    )
+    zeros = np.zeros(len(shown))
+    poses = np.column_stack([shown[:, :2], zeros, zeros, zeros, sin, cos])
+    return msg.PoseArray(header=msg.header(now_ns, MAP_FRAME), poses=poses_from_array(poses))
 
 
 def unseen_cells(

@@ -15,6 +15,7 @@ import numpy as np
 from rosbags.interfaces import Nodetype
 
 from mazebot.common.messages import messages as msg
+from mazebot.common.messages.rows import Rows
 
 HEADER = b"\0\1\0\0"
 
@@ -45,7 +46,7 @@ class _Slot(NamedTuple):
     path: str
     """Of the field in the message."""
     code: str
-    """Of the value; empty: bytes of any length."""
+    """Of the value, or of the bytes of a list of fixed length; empty: bytes of any length."""
     alignment: int
     convert: Callable[[Any], Any] | None = None
     """Makes the value of the field; None: they are the same."""
@@ -70,7 +71,8 @@ def _writer(type_name: str) -> _Write:
             dtype = np.dtype(item[0])
             if length is None:
                 slots.append(_Slot(path, "I", 4, len))
-            slots.append(_Slot(path, "", dtype.itemsize, _array_converter(dtype, length)))
+            code = "" if length is None else f"{length * dtype.itemsize}s"
+            slots.append(_Slot(path, code, dtype.itemsize, _array_converter(dtype, length)))
         elif item[0] == "string":
             slots.append(_Slot(path, "", 4, _text))
         else:
@@ -154,10 +156,14 @@ def _list_writer(get: Callable[[Any], Any], item_kind: Nodetype, item: Any) -> _
                 at = write_one(one, pieces, at)
         elif items:
             numbers_of, code, size = alike
-            numbers = list(itertools.chain.from_iterable(map(numbers_of, items)))
             padding = -at % size
-            pieces.append(struct.pack(f"<{padding}x{len(numbers)}{code}", *numbers))
-            at += padding + len(numbers) * size
+            if isinstance(items, Rows):
+                data = bytes(padding) + items.numbers.astype(f"<{code}", copy=False).tobytes()
+            else:
+                numbers = list(itertools.chain.from_iterable(map(numbers_of, items)))
+                data = struct.pack(f"<{padding}x{len(numbers)}{code}", *numbers)
+            pieces.append(data)
+            at += len(data)
         return at
 
     return write

@@ -85,6 +85,7 @@ from mazebot.common.maths.frames import (
     rigid_matrix,
     yaw_from_quaternion,
 )
+from mazebot.common.messages.rows import points_from_array
 
 __all__ = [
     "BatteryState",
@@ -396,7 +397,7 @@ def line_strip(
         color=ColorRGBA(*map(float32, color)),
         lifetime=Duration(0, 0),
         frame_locked=False,
-        points=list(map(Point, *points_m.T.tolist())),
+        points=points_from_array(points_m),
         colors=[],
         texture_resource="",
         texture=_NO_TEXTURE,

@@ -14,6 +14,7 @@ from mazebot.common.maths.frames import MAP_FRAME, Array, rotation_from_quaterni
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages import slam_documents as slam
 from mazebot.common.messages.documents import MapEvaluation
+from mazebot.common.messages.rows import array_from_points
 from mazebot.recorder.drawing import palette
 from mazebot.recorder.drawing.canvas import Canvas
 
@@ -185,7 +186,7 @@ def draw_map_evaluation(canvas: Canvas, judged: MapEvaluation) -> None:
 def _marker_points(marker: Any) -> Points:
     """(n, 3) its points, or, of a single shape, its pose, in the frame of its message."""
     map_from_marker = msg.matrix_from_pose(marker.pose)
-    points = np.array([(p.x, p.y, p.z) for p in marker.points], np.float64).reshape(-1, 3)
+    points = array_from_points(marker.points)
     if marker.type in _SINGLE:
         return np.asarray(map_from_marker[:3, 3][None], np.float32)
     return np.asarray(points @ map_from_marker[:3, :3].T + map_from_marker[:3, 3], np.float32)

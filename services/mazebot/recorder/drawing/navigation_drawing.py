@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import operator
 
 import numpy as np
 import rerun as rr
@@ -14,6 +13,7 @@ from mazebot.common.messages import action_documents as act
 from mazebot.common.messages import documents as doc
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.error_codes import ErrorCode
+from mazebot.common.messages.rows import array_from_points, array_from_poses
 from mazebot.recorder.drawing import palette
 from mazebot.recorder.drawing.canvas import LATCH_NS, PATH_NS, Canvas, draw_trail
 from mazebot.recorder.drawing.marker_drawing import note_detections
@@ -24,10 +24,6 @@ _SAME_PLACE_M = 0.05
 _REPLACED = (ErrorCode.PREEMPTED, ErrorCode.CANCELED, ErrorCode.WORLD_RESTARTED)
 """The goal was not wanted any more."""
 
-_POSITION = operator.attrgetter("position.x", "position.y", "position.z")
-_QUATERNION = operator.attrgetter(
-    "orientation.x", "orientation.y", "orientation.z", "orientation.w"
-)
 _SQUARE: Array = np.array(
     [[-0.5, -0.5, 0.0], [0.5, -0.5, 0.0], [0.5, 0.5, 0.0], [-0.5, 0.5, 0.0], [-0.5, -0.5, 0.0]]
 )
@@ -182,8 +178,8 @@ def draw_particle_cloud(canvas: Canvas, cloud: msg.PoseArray) -> None:
     """The particles as short strokes along their heading; evenly subsampled if there are many."""
     canvas.at(cloud.header.stamp)
     stride = max(1, math.ceil(len(cloud.poses) / _MAX_PARTICLES))
-    xyz_m, xyzw = _numbers(cloud.poses[::stride])
-    x, y, z, w = xyzw.T
+    numbers = array_from_poses(cloud.poses[::stride])
+    xyz_m, (x, y, z, w) = numbers[:, :3], numbers[:, 3:].T
     yaw_rad = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
     strokes = np.full((len(xyz_m), 2, 3), 0.025, np.float32)
     strokes[:, :, :2] = xyz_m[:, np.newaxis, :2]
@@ -194,12 +190,6 @@ def draw_particle_cloud(canvas: Canvas, cloud: msg.PoseArray) -> None:
         lambda: rr.LineStrips3D.from_fields(colors=palette.PARTICLE, radii=0.004),
     )  # fmt: skip
     canvas.recording.log("particle_cloud", rr.LineStrips3D(strokes))
-
-
-def _numbers(poses: list[msg.Pose]) -> tuple[Array, Array]:
-    """(n, 3) positions and (n, 4) quaternions of poses."""
-    numbers = np.array([_POSITION(one) + _QUATERNION(one) for one in poses]).reshape(-1, 7)
-    return numbers[:, :3], numbers[:, 3:]
 
 
 def draw_global_costmap(canvas: Canvas, grid: msg.OccupancyGrid) -> None:
@@ -267,9 +257,7 @@ def draw_trajectories(canvas: Canvas, array: msg.MarkerArray) -> None:
     canvas.recording.log(
         "trajectories",
         rr.LineStrips3D(
-            _strips(
-                [np.array([(p.x, p.y, p.z) for p in one.points]).reshape(-1, 3) for one in strips]
-            ),
+            _strips([array_from_points(one.points) for one in strips]),
             colors=colors,
             radii=[one.scale.x / 2.0 for one in strips],
         ),
