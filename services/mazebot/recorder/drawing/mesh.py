@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
@@ -13,6 +14,7 @@ import shapely
 from numpy.typing import NDArray
 
 from mazebot.common.maths.frames import (
+    SE3,
     Array,
     rotation_from_rpy,
     transform_matrix,
@@ -142,6 +144,11 @@ class Wheel:
     axis: Array
     """(3,), in the part's frame"""
     mesh: Mesh
+
+    @functools.cached_property
+    def pose(self) -> SE3:
+        """The same as `base_from_joint`."""
+        return SE3.from_matrix(self.base_from_joint)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from mazebot.common.maths.frames import (
     BASE_FOOTPRINT_FRAME,
     MAP_FRAME,
-    quaternion_from_rotation,
-    rotation_from_quaternion,
+    SE3,
 )
 from mazebot.common.messages import documents as doc
 from mazebot.common.messages import messages as msg
@@ -28,6 +27,7 @@ _PLOT_NS = 95_000_000
 _SCAN_NS = 195_000_000
 _OUTLINE_POINTS = 0.75
 """In screen units, at any distance: thin, not to hide the true robot inside."""
+_ORIGIN = 0.0, 0.0, 0.0
 
 
 def draw_robot(canvas: Canvas) -> None:
@@ -127,7 +127,7 @@ def _draw_hits(canvas: Canvas, path: str, scan: msg.LaserScan, color: tuple[int,
     ranges_m = scan.ranges
     echo = (ranges_m >= scan.range_min) & (ranges_m <= scan.range_max)
     directions = _directions(len(ranges_m), scan.angle_min, scan.angle_increment)
-    points = ranges_m[echo, np.newaxis] * directions[echo]
+    points = ranges_m.compress(echo)[:, np.newaxis] * directions.compress(echo, axis=0)
     canvas.frame(
         path, scan.header.frame_id, lambda: rr.Points3D.from_fields(colors=color, radii=0.02)
     )
@@ -206,13 +206,11 @@ def _turn_wheels(canvas: Canvas, angles: dict[str, float]) -> None:
     for wheel in canvas.robot.wheels:
         if wheel.joint not in angles:
             continue
-        axis, angle_rad = wheel.axis, angles[wheel.joint]
-        half_sine = math.sin(angle_rad / 2.0)
-        x, y, z = (float(v) * half_sine for v in axis)
-        turn = rotation_from_quaternion(x, y, z, math.cos(angle_rad / 2.0))
-        xyzw = quaternion_from_rotation(wheel.base_from_joint[:3, :3] @ turn)
-        x_m, y_m, z_m = (float(v) for v in wheel.base_from_joint[:3, 3])
+        half_rad = angles[wheel.joint] / 2.0
+        half_sine = math.sin(half_rad)
+        x, y, z = wheel.axis.tolist()
+        turn = SE3(_ORIGIN, (x * half_sine, y * half_sine, z * half_sine, math.cos(half_rad)))
+        position_m, (x, y, z, w) = wheel.pose @ turn
+        xyzw = (x, y, z, w) if w >= 0.0 else (-x, -y, -z, -w)
         child = f"{TRUTH_FRAME}/{wheel.joint}"
-        canvas.recording.transform(
-            f"joint_states/{child}", (x_m, y_m, z_m), xyzw, TRUTH_FRAME, child
-        )
+        canvas.recording.transform(f"joint_states/{child}", position_m, xyzw, TRUTH_FRAME, child)

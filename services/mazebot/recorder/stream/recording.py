@@ -46,6 +46,7 @@ _FLUSH_TIMEOUT_S = 1.0
 _MOST_WAITING = 8
 _MOST_UNMADE = 8
 """Waking the other thread for each takes the interpreter from this one."""
+_SCALARS = rr.Scalars.descriptor_scalars()
 _UNSEEN = 1e-6
 """Scale of hidden entities: Rerun warns about 0, and about a frame without a transform."""
 
@@ -164,7 +165,8 @@ class Recording:
 
     def _send_numbers(self, queued: Mapping[str, tuple[list[int], list[float]]]) -> None:
         for path, (stamps_ns, values) in queued.items():
-            self._send_columns(path, stamps_ns, rr.Scalars.columns(scalars=values))
+            column = rr.ComponentColumn(_SCALARS, _Arrow(pa.array(values, pa.float64())))
+            self._send_columns(path, stamps_ns, [column])
 
     def _send_rows(self) -> None:
         with self._lock:
