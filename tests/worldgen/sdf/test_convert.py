@@ -368,21 +368,28 @@ def test_a_marker_moved_to_another_wall_hangs_there(
 
 
 @pytest.mark.parametrize(
-    "pose",
+    ("pose", "why"),
     [
-        "0 0 0.25 1.5707963267948966 0 0",
-        "-1.798 0.427 0.25 0 0 0",
-        "-1.798 0.427 9 1.5708 0 1.5708",
-        "-1.8 1.6 0.25 1.5707963267948966 0 1.5707963267948966",
+        ("0 0 0.25 1.5707963267948966 0 0", "is not on a wall"),
+        ("-1.798 0.427 9 1.5707963267948966 0 1.5707963267948966", "is not on a wall"),
+        ("-1.8 1.6 0.25 1.5707963267948966 0 1.5707963267948966", "is not on a wall"),
+        ("-1.798 0.427 0.25 0 0 0", "lies flat"),
+        ("-1.798 0.427 0.25 1.1707963267948966 0 1.5707963267948966", "leans by 22.9 degrees"),
+        ("-1.798 0.427 0.25 1.5707963267948966 3.14159265 1.570796327", "is turned by 180.0"),
+        ("-1.798 0.427 0.25 1.5707963267948966 0.5235987755982988 1.5707963267948966",
+         "is turned by 30.0 degrees in its plane"),
     ],
-    ids=["in mid-room", "lying", "above the wall", "past its end"],
-)
-def test_a_marker_moved_off_its_wall_is_listed(
-    house: LoadedWorld, tmp_path: Path, pose: str
+    ids=["in mid-room", "above", "past its end", "lying", "leaning", "upside down", "turned"],
+)  # fmt: skip
+def test_a_marker_off_its_wall_is_left_out_with_a_warning(
+    house: LoadedWorld, tmp_path: Path, pose: str, why: str
 ) -> None:
     world = edited(house, tmp_path, (pose_of_marker(house, 80), pose))
     assert [marker["id"] for marker in world.recipe["markers"]] == [60]
-    assert new(world, "marker") == ["marker 80, which is not on a wall"]
+    (listed,) = new(world, "marker")
+    assert listed.startswith(f"marker 80, which {why}")
+    (warning,) = world.report.warnings()
+    assert warning.startswith(f"marker 80 (aruco_80) is left out, for it {why}")
 
 
 def test_a_marker_added_or_taken_away_in_the_file(house: LoadedWorld, tmp_path: Path) -> None:

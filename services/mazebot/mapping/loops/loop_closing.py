@@ -29,9 +29,9 @@ _CORRIDOR_FIT = 0.85
 _NEWEST = 6
 """Keyframes at most of the newer part of a loop."""
 _CONTRADICTS, _RESOLVED = 0.5, 0.5
-"""Share of the returns that contradict the older part, and what is left of it with the loop. In logs
-of a SICK, thinned and with worse odometry, 0.5 to 1.6 did by right loops that the graph did not
-expect, by both ways together, and with the loop 0.02 to 0.3.
+"""Share of the returns that contradict the older part, and what is left of it with the loop. In
+logs of a SICK, thinned and with worse odometry, 0.5 to 1.6 did by right loops that the graph did
+not expect, by both ways together, and with the loop 0.02 to 0.3.
 """
 LOOSE = np.diag([4.0, 4.0, 10.0])
 """Information of the start of a refinement: the place is to be measured, not assumed."""

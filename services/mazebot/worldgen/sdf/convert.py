@@ -482,7 +482,12 @@ class _Conversion:
             for gap_m, place in _places(model.world_from_model, wall)
         ]
         if not places:
-            self._ignore(f"marker {model.attributes['marker']}, which is not on a wall", model.name)
+            marker, why = model.attributes["marker"], _off_wall(model.world_from_model)
+            self._ignore(f"marker {marker}, which {why}", model.name)
+            self._told.append(
+                f"marker {marker} ({model.name}) is left out, for it {why}: a marker hangs upright "
+                "on a face of a wall"
+            )
             return []
         *_, place = min(places, key=lambda one: one[:3])
         for key in ("offset_m", "height_m"):
@@ -647,6 +652,18 @@ def _places(
     ):
         at = {"wall": wall["name"], "side": side}
         yield gap_m, {**at, "offset_m": number(along_m), "height_m": float(centre[2])}
+
+
+def _off_wall(world_from_panel: Array) -> str:
+    """Why a panel can be on no wall, as a predicate."""
+    right, up, normal = world_from_panel[2, :3].tolist()
+    if abs(normal) > math.sqrt(1.0 - _LEANS**2):
+        return "lies flat"
+    if abs(normal) > _LEANS:
+        return f"leans by {math.degrees(math.asin(abs(normal))):.1f} degrees"
+    if abs(right) > _LEANS or up < 0.0:
+        return f"is turned by {math.degrees(math.atan2(abs(right), up)):.1f} degrees in its plane"
+    return "is not on a wall"
 
 
 def _look(material: SdfMaterial | None) -> dict[str, Any]:
