@@ -60,7 +60,7 @@ def floor_of(groups: Sequence[Group], start_xy: tuple[float, float]) -> Floor:
     It is the ground plane at z = 0 or else the highest, or the static level boxes of one height
     under most of what stands in the world: of several storeys the one nearest to z = 0. Where there
     is a ground plane, too, boxes are the floor only if they lie on it and the start is on them.
-    What an export has noted is no slab.
+    What an export has noted is left out.
     """
     planes, solids = _planes_and_solids(groups)
     ground_m = next((0.0 for z in planes if abs(z) <= FLOOR_M), max(planes, default=None))
@@ -93,10 +93,12 @@ def floor_of(groups: Sequence[Group], start_xy: tuple[float, float]) -> Floor:
 
 
 def _planes_and_solids(groups: Sequence[Group]) -> tuple[list[float], list[_Solid]]:
-    """The heights of level static planes, and everything else that is solid."""
+    """The heights of level static planes, and everything else that is solid, without what an
+    export has noted.
+    """
     planes, solids = [], []
     for group in groups:
-        if group.links[0].attributes.get("kind") == "body":
+        if "kind" in group.links[0].attributes:
             continue
         for part in group.parts:
             if part.solid and part.has_end:
