@@ -8,10 +8,11 @@ import yaml
 from mazebot.common.config import ConfigError
 from mazebot.common.nav2_params.loader import load_nav2_params
 from mazebot.common.nav2_params.report import Report, Row, report
+from mazebot.common.nav2_params.targets import Models
 from mazebot.localization.config import LocalizationConfig
 from mazebot.navigation.config import NavigationConfig
 
-MODELS = {"navigation": NavigationConfig, "localization": LocalizationConfig}
+MODELS: Models = {"navigation": NavigationConfig, "localization": LocalizationConfig}
 
 
 def told(node: str, values: dict[str, Any]) -> Report:

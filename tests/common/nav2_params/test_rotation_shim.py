@@ -15,10 +15,9 @@ DWB = "dwb_core::DWBLocalPlanner"
 
 def server(primary: str, own: dict[str, Any], behind: dict[str, Any], nested: bool) -> Any:
     """The controller server with a shim, as since Lyrical (nested) or as up to Kilted."""
+    inner: dict[str, Any] = {"primary_controller": primary, **behind}
     if nested:
         inner = {"primary_controller": {"plugin": primary, **behind}}
-    else:
-        inner = {"primary_controller": primary, **behind}
     return {"controller_plugins": ["F"], "F": SHIM | own | inner}
 
 
