@@ -107,6 +107,21 @@ def test_each_command_of_mppi_keeps_its_own_limits() -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("angle_rad", [0.05, 0.15, 0.785])
+def test_a_turn_to_the_path_ends_before_the_robot_drives(name: str, angle_rad: float) -> None:
+    costmap, faces = room()
+    told = drive(
+        made(name, rotate_to_heading_min_angle=angle_rad), costmap, Unicycle(SE2(1.0, 1.0, -1.0)),
+        SE2(3.0, 1.0, 0.0), faces, path=line((1.0, 1.0), (3.0, 1.0)), limit_s=40.0,
+    )  # fmt: skip
+    assert told.reached
+    speeds = [command.linear_m_s for command in told.commands[:40]]
+    begins = next(at for at, speed in enumerate(speeds) if speed > 0.0)
+    assert begins > 10
+    assert min(speeds[begins:]) > 0.0
+
+
+@pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("decel", [0.1, 0.3, 0.6])
 def test_a_robot_that_brakes_gently_does_not_pass_its_goal(name: str, decel: float) -> None:
     costmap, faces = room()

@@ -104,7 +104,9 @@ class RegulatedPurePursuitController(PathFollower):
         base_from_carrot = pose.inverse() @ SE2(*carrot_m, 0.0)
         ahead_m, aside_m, _ = base_from_carrot
         bearing_rad = portable_kernels.atan2(aside_m, ahead_m)
-        limit_rad = _ALIGNED_RAD if self._turning else p.rotate_to_heading_min_angle
+        limit_rad = p.rotate_to_heading_min_angle
+        if self._turning:
+            limit_rad = min(limit_rad, _ALIGNED_RAD)
         self._turning = p.use_rotate_to_heading and abs(bearing_rad) > limit_rad
         if self._turning:
             return self._turn(elapsed_s, around, bearing_rad)

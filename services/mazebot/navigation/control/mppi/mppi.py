@@ -239,7 +239,9 @@ class MPPIController(PathFollower):
         target = local.points_m[min(6, len(local.points_m) - 1)]
         there = pose.inverse() @ SE2(float(target[0]), float(target[1]), 0.0)
         away_rad = portable.atan2(there.y_m, there.x_m)
-        limit = _ALIGNED_RAD if self._turning else p.rotate_to_heading_min_angle
+        limit = p.rotate_to_heading_min_angle
+        if self._turning:
+            limit = min(limit, _ALIGNED_RAD)
         slow = abs(self._velocity.linear_m_s) < 0.15
         near_goal = local.ends and local.remaining_m < 0.15
         self._turning = abs(away_rad) > limit and slow and not near_goal
