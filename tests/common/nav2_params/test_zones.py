@@ -127,3 +127,12 @@ def test_velocity_polygons_are_those_of_the_file_in_the_order_of_its_list() -> N
     # The command is 0.2 m/s: both cover it.
     assert passed(monitor(Z=zone), 0.25) == STOP
     assert passed(monitor(Z={**zone, "velocity_polygons": ["slow"]}), 0.25) == SLOW
+
+
+def test_what_a_source_or_a_zone_cannot_have_of_its_own_is_told() -> None:
+    zone = {**ZONE, "sources_names": ["cloud"]}
+    scan = {"type": "scan", "topic": "scan", "source_timeout": 0.2}
+    found = told("collision_monitor",
+                 {**monitor(Stop=zone), "observation_sources": ["scan"], "scan": scan})  # fmt: skip
+    assert "the source of every zone" in row_of(found, "Stop.sources_names").note
+    assert "the collision monitor itself" in row_of(found, "scan.source_timeout").note

@@ -35,7 +35,8 @@ linear_limit double 0.5 >=0
 angular_limit double 0.5 >=0
 time_before_collision double 2.0 >=0
 enabled bool true *
-- simulation_time_step footprint_topic polygon_sub_topic polygon_pub_topic sources_names visualize
+- sources_names # the lidar is the source of every zone
+- simulation_time_step footprint_topic polygon_sub_topic polygon_pub_topic visualize
 """
 _AREA = namespace("polygons.*", f"{_ZONE}points polygon [] *\nradius double - >0\n", whole=True)
 _VELOCITY = namespace(
@@ -68,7 +69,8 @@ type string scan {scan,pointcloud,range,polygon,costmap} =- !scan
 topic string scan * =- !scan
 enabled bool true * =- !true
 - min_height max_height # the lidar scans one plane
-- min_range obstacles_angle sampling_distance transport_type source_timeout
+- source_timeout # that of the collision monitor itself counts
+- min_range obstacles_angle sampling_distance transport_type
 """,
 )
 
