@@ -23,6 +23,7 @@ from mazebot.cli.logs.options import (
     check_odom_scale,
     scan_form,
     warn_of_guess,
+    warn_of_odometry,
     warn_of_place,
 )
 from mazebot.cli.logs.read import read_log
@@ -116,6 +117,7 @@ def localize(
     for remark in log.remarks():
         sys.stderr.write(f"{log_file}: {remark}\n")
     warn_of_guess(log_file, log)
+    warn_of_odometry(log_file, log)
     if base_from_scan is None:
         warn_of_place(log_file, log)
     check_scale(log_file, log, base_from_scan, odom_scale)

@@ -23,7 +23,8 @@ from mazebot.cli.logs.log import (
     ScanForm,
     Topics,
 )
-from mazebot.cli.logs.stamps import Told, times_ns
+from mazebot.cli.logs.sources import is_doubtful, why_unused
+from mazebot.cli.logs.stamps import Told, stamped_later_s, times_ns
 from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import SE2, Array, se2_from_matrix, wrap_angle
 from mazebot.common.messages import messages as msg
@@ -33,6 +34,8 @@ from mazebot.common.problems import words
 _MOVING, _STATIC = "/tf", "/tf_static"
 _ODOMETRY, _SCAN = "nav_msgs/msg/Odometry", "sensor_msgs/msg/LaserScan"
 _TRANSFORMS = "tf2_msgs/msg/TFMessage"
+_UNIT = 0.01
+"""By so much the square of a quaternion's length may differ from 1, as for tf2."""
 _AFTER_NS = 1_000
 """A scan comes so much after that of another lidar with the same stamp: times are unique."""
 
@@ -79,7 +82,9 @@ class _Found:
     """Add nothing to these any more."""
     frames: FixedFrames = field(default_factory=FixedFrames)
     without_number: int = 0
-    """Poses of odometry that are not finite."""
+    """Poses of odometry that are not finite, or have no quaternion."""
+    odometry_unused: str = ""
+    """Why `/tf` is used although odometry's topic has poses; empty: it is not."""
     without_direction: int = 0
     """Scans whose beams have no direction."""
     without_limits: int = 0
@@ -95,7 +100,26 @@ class _Found:
     @property
     def poses(self) -> list[Told]:
         """Those of odometry's topic, or else of `/tf`."""
-        return self.odometry or _of_robot(self.transforms, self.lidars, self.frames)
+        if self.odometry and not self.odometry_unused:
+            return self.odometry
+        return self._of_transforms()
+
+    @property
+    def is_doubtful(self) -> bool:
+        """Whether `/tf` may be better than the poses that odometry's topic has."""
+        if not self.odometry or self.odometry_unused:
+            return False
+        return is_doubtful(self.odometry, self.scans)
+
+    def compare(self) -> None:
+        """Choose between odometry's topic and `/tf`, where that is of the same robot."""
+        own = {above for frame in self.lidars for above in self.frames.above(frame)}
+        own |= {told.says.frame for told in self.odometry}
+        others = [told for told in self._of_transforms() if told.says.frame in own]
+        self.odometry_unused = why_unused(self.odometry, others, self.scans)
+
+    def _of_transforms(self) -> list[Told]:
+        return _of_robot(self.transforms, self.lidars, self.frames)
 
     def settle(self) -> None:
         """What there is of transforms is no more changed by what comes."""
@@ -104,9 +128,10 @@ class _Found:
 
 
 def read(path: Path, form: ScanForm, topics: Topics) -> Log:
-    """Read scans and odometry, the latter from `/tf` where the bag has none on its own topic. Of
-    the scans' form, the limits of the ranges may be given. The transforms are those of the scans'
-    own namespace, and beyond them the ones that have none: these may be another robot's.
+    """Read scans and odometry, the latter from `/tf` where the bag has none on its own topic, or
+    what is there does not move, or not for most of the time, and `/tf` does. Of the scans' form,
+    the limits of the ranges may be given. The transforms are those of the scans' own namespace, and
+    beyond them the ones that have none: these may be another robot's.
 
     Raises ConfigError with one line that names file and topic, and what is wrong.
     """
@@ -117,10 +142,12 @@ def read(path: Path, form: ScanForm, topics: Topics) -> Log:
             moving, static = f"{space}{_MOVING}", f"{space}{_STATIC}"
             _take(found, bag, path, {**types, static: _TRANSFORMS}, static)
             places, types = _places(path, found), {}
-            if (not found.poses or not places.are_known) and moving in bag.topics_of(_TRANSFORMS):
+            is_wanted = not (found.poses and places.are_known) or found.is_doubtful
+            if is_wanted and moving in bag.topics_of(_TRANSFORMS):
                 _take(found, bag, path, {moving: _TRANSFORMS}, static)
+                found.compare()
                 places = _places(path, found)
-            if found.poses and places.are_known:
+            if found.poses and places.are_known and not found.is_doubtful:
                 break
             found.settle()
         # First, for it may be why a topic has no messages.
@@ -138,14 +165,22 @@ def read(path: Path, form: ScanForm, topics: Topics) -> Log:
             )
         if not found.scans:
             raise ConfigError(_missing(path, bag, topics.scan, _SCAN, "--scan-topic"))
+        if not found.poses and found.without_number:
+            raise ConfigError(
+                f"--log: {path}: {topics.odom}: none of {found.without_number} poses is finite and "
+                "has a normalized quaternion: its orientation must be of length 1, as for tf2"
+            )
         if not found.odometry and not found.transforms:
             raise ConfigError(_missing(path, bag, topics.odom, _ODOMETRY, "--odom-topic"))
         log = _log(path, found, places, len(bag.moves_ns))
         ends = dict.fromkeys((told.says.parent, told.says.frame) for told in found.poses)
         named = ", ".join(f"{parent!r:.60} to {child!r:.60}" for parent, child in ends)
+        source = topics.odom if found.poses is found.odometry else _MOVING
+        unused = found.odometry_unused
         return replace(
             log,
-            odometry_source=f"{topics.odom if found.odometry else _MOVING}, {named}",
+            odometry_source=f"{source}, {named}",
+            odometry_unused=unused and f"{topics.odom} {unused}: odometry is that of {source}",
             odometry_topics=tuple(sorted(bag.topics_of(_ODOMETRY) - {topics.odom})),
         )
 
@@ -187,6 +222,7 @@ def _log(path: Path, found: _Found, places: _Places, set_back: int) -> Log:
         # That of the stamps may be the same clock.
         clock_set_back=max(set_back, stamps_set_back),
         odometry_left_out=found.without_number + left_out,
+        scans_later_s=stamped_later_s(found.scans, poses),
         scans_left_out=found.without_direction,
         scans_without_limits=found.without_limits,
         unplaced=tuple(frame for frame in found.lidars if places.mounts[frame] is None),
@@ -383,7 +419,7 @@ def _add_transforms(found: _Found, log_ns: int, message: Any, is_static: bool) -
         parent = transform.header.frame_id.lstrip("/")
         child = transform.child_frame_id.lstrip("/")
         matrix = msg.matrix_from_transform(transform.transform)
-        if not np.isfinite(matrix).all():
+        if not (_is_unit(transform.transform.rotation) and np.isfinite(matrix).all()):
             found.without_number += 1
         elif is_static:
             found.frames.fix(child, parent, matrix)
@@ -406,10 +442,15 @@ def _add_pose(found: _Found, log_ns: int, message: Any) -> None:
         frame.lstrip("/") for frame in (message.header.frame_id, message.child_frame_id)
     )
     moved = _Moved(parent, child, msg.matrix_from_pose(message.pose.pose))
-    if not _is_finite(se2_from_matrix(moved.odom_from_frame)):
+    is_unit = _is_unit(message.pose.pose.orientation)
+    if not (is_unit and _is_finite(se2_from_matrix(moved.odom_from_frame))):
         found.without_number += 1
         return
     found.odometry.append(Told(log_ns, msg.ns_from_time(message.header.stamp), moved))
+
+
+def _is_unit(q: Any) -> bool:
+    return bool(abs(q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w - 1.0) <= _UNIT)
 
 
 def _add_scan(found: _Found, log_ns: int, message: Any) -> None:

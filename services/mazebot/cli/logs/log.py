@@ -127,7 +127,11 @@ class Log:
     clock_set_back: int = 0
     """How often the clock of the stamps was set back: what follows goes on from there."""
     odometry_left_out: int = 0
-    """Poses that are not finite."""
+    """Poses that are not finite, or have no quaternion."""
+    odometry_unused: str = ""
+    """Why a bag's topic of odometry is not used, and what is, in one line; empty: it is used."""
+    scans_later_s: float = 0.0
+    """How much later than odometry scans are stamped, by when they were logged."""
     scans_left_out: int = 0
     """Scans whose beams have no direction: angles that are not finite, or an increment of 0."""
     over_a_turn: int = 0
@@ -248,7 +252,10 @@ class Log:
         if self.clock_set_back:
             found.append(set_back_remark(self.clock_set_back))
         if self.odometry_left_out:
-            found.append(f"{self.odometry_left_out} poses of odometry are not finite: left out")
+            found.append(
+                f"{self.odometry_left_out} poses of odometry are not finite, or their quaternion "
+                "is not normalized: left out"
+            )
         if self.scans_left_out:
             found.append(
                 f"{self.scans_left_out} scans have an angle_min or angle_increment that is not "
@@ -274,7 +281,7 @@ class Log:
                 f"{self.scans_tilted} scans are of when the lidar was tilted: left out: it must be "
                 "level, or upside down"
             )
-        found += [one for one in (self.unused, self.no_returns) if one]
+        found += [one for one in (self.odometry_unused, self.unused, self.no_returns) if one]
         for code_m in self.codes_m:
             found.append(
                 f"{code_m:g} m is what very many beams of all directions measure: taken for a "

@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from mazebot.cli.logs.doubts import doubts_of_odometry
 from mazebot.cli.logs.log import Log, ScanForm
 from mazebot.cli.parsing.poses import POSE
 from mazebot.common.config import ConfigError
@@ -98,4 +99,10 @@ def warn_of_guess(log_file: Path, log: Log) -> None:
 def warn_of_place(log_file: Path, log: Log) -> None:
     """Say on standard error where the log should have the lidar's pose, and has not."""
     if warning := log.warning_of_place():
+        sys.stderr.write(f"warning: --log: {log_file}: {warning}\n")
+
+
+def warn_of_odometry(log_file: Path, log: Log) -> None:
+    """Say on standard error what of odometry and its stamps is doubtful."""
+    for warning in doubts_of_odometry(log):
         sys.stderr.write(f"warning: --log: {log_file}: {warning}\n")

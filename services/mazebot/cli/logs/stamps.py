@@ -9,6 +9,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+import numpy as np
+
 SET_BACK_NS = 1_000_000_000
 """A clock that goes back by more, and on from there, was set back."""
 _SOON_NS = 5_000_000_000
@@ -74,6 +76,25 @@ def times_ns(topics: Sequence[Sequence[Told]]) -> tuple[list[list[int]], int]:
         [next(own) if told.stamp_ns else told.log_ns - lag_ns for told in topic]
         for topic, own in zip(topics, times, strict=True)
     ], len(steps)
+
+
+def stamped_later_s(topic: Sequence[Told], other: Sequence[Told]) -> float:
+    """How much later the messages of a topic are stamped than those of another, by when both were
+    logged, in the middle; 0 where they were not logged at one time.
+    """
+    logged_ns, lags_ns, other_ns, other_lags_ns = (
+        np.array(values, np.int64)
+        for told in ([one for one in topic if one.stamp_ns], [one for one in other if one.stamp_ns])
+        for values in ([one.log_ns for one in told], [one.log_ns - one.stamp_ns for one in told])
+    )
+    if not len(other_ns):
+        return 0.0
+    meanwhile = (logged_ns >= other_ns[0]) & (logged_ns <= other_ns[-1])
+    if not meanwhile.any():
+        return 0.0
+    # Simulated time passes faster or slower than that of logging.
+    usual_ns = np.interp(logged_ns[meanwhile], other_ns, other_lags_ns)
+    return float(np.median(usual_ns - lags_ns[meanwhile])) * 1e-9
 
 
 def _take(topic: _Topic, following: Sequence[Told], steps: list[_Step]) -> None:

@@ -24,6 +24,7 @@ from mazebot.cli.logs.options import (
     check_odom_scale,
     scan_form,
     warn_of_guess,
+    warn_of_odometry,
     warn_of_place,
 )
 from mazebot.cli.logs.read import read_log
@@ -105,6 +106,7 @@ def build(
     say_first(f"reading {log_file}", as_json)
     log = read_log(log_file, form, Topics(scan_topic, odom_topic), odom_scale)
     warn_of_guess(log_file, log)
+    warn_of_odometry(log_file, log)
     refuse_inputs("--out", (out / name for name in _FILES))
     if draw is not None:
         refuse_inputs("--draw", (draw,))
