@@ -130,10 +130,11 @@ class TestOdometryOfNoUse:
         log = logged(write_mcap(tmp_path / "a.mcap", drive(scan, some)))
         assert len(poses(log)) == STEPS - 10
         assert log.remarks() == [
-            "10 poses of odometry are not finite, or their quaternion is not normalized: left out"
+            "10 poses of odometry and transforms are not finite, or their quaternion is not "
+            "normalized: left out"
         ]
         path = write_mcap(tmp_path / "b.mcap", drive(scan, moved(curve, length=0.0)))
-        assert "/odom: none of 40 poses is finite and has a normalized quaternion" in refused(
+        assert "has no odometry: 40 poses and transforms are not finite, or" in refused(
             lambda: logged(path)
         )
 

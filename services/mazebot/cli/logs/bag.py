@@ -82,7 +82,7 @@ class _Found:
     """Add nothing to these any more."""
     frames: FixedFrames = field(default_factory=FixedFrames)
     without_number: int = 0
-    """Poses of odometry that are not finite, or have no quaternion."""
+    """Poses and transforms that are not finite, or have no quaternion."""
     odometry_unused: str = ""
     """Why `/tf` is used although odometry's topic has poses; empty: it is not."""
     without_direction: int = 0
@@ -167,8 +167,8 @@ def read(path: Path, form: ScanForm, topics: Topics) -> Log:
             raise ConfigError(_missing(path, bag, topics.scan, _SCAN, "--scan-topic"))
         if not found.poses and found.without_number:
             raise ConfigError(
-                f"--log: {path}: {topics.odom}: none of {found.without_number} poses is finite and "
-                "has a normalized quaternion: its orientation must be of length 1, as for tf2"
+                f"--log: {path}: has no odometry: {found.without_number} poses and transforms are "
+                "not finite, or their quaternion is not normalized: must be of length 1, as for tf2"
             )
         if not found.odometry and not found.transforms:
             raise ConfigError(_missing(path, bag, topics.odom, _ODOMETRY, "--odom-topic"))

@@ -127,7 +127,7 @@ class Log:
     clock_set_back: int = 0
     """How often the clock of the stamps was set back: what follows goes on from there."""
     odometry_left_out: int = 0
-    """Poses that are not finite, or have no quaternion."""
+    """Poses and transforms that are not finite, or have no quaternion."""
     odometry_unused: str = ""
     """Why a bag's topic of odometry is not used, and what is, in one line; empty: it is used."""
     scans_later_s: float = 0.0
@@ -253,8 +253,8 @@ class Log:
             found.append(set_back_remark(self.clock_set_back))
         if self.odometry_left_out:
             found.append(
-                f"{self.odometry_left_out} poses of odometry are not finite, or their quaternion "
-                "is not normalized: left out"
+                f"{self.odometry_left_out} poses of odometry and transforms are not finite, or "
+                "their quaternion is not normalized: left out"
             )
         if self.scans_left_out:
             found.append(
