@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from mazebot.cli.logs.doubts import doubts_of_odometry
-from mazebot.cli.logs.log import Entry, Log, LoggedScan
+from mazebot.cli.logs.log import Entry, Log, LoggedScan, Topics
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages import messages as msg
 from tests.cli.test_bag_shapes import (
@@ -107,6 +107,16 @@ class TestOdometryOfNoUse:
         np.testing.assert_allclose(poses(log), [curve(step) for step in range(STEPS)], atol=1e-9)
         assert log.odometry_source.startswith("/tf, ")
         assert any(f"/odom {why}" in one for one in log.remarks()) == bool(why)
+
+    def test_the_topic_that_serves_is_named(self, tmp_path: Path) -> None:
+        messages = [
+            (f"/robot1{topic}", kind, log_ns, data)
+            for topic, kind, log_ns, data in drive(scan, moved(still), transforms(curve))
+        ]
+        path = write_mcap(tmp_path / "a.mcap", messages)
+        log = logged(path, Topics("/robot1/scan", "/robot1/odom"))
+        assert log.odometry_source.startswith("/robot1/tf, ")
+        assert log.remarks() == ["/robot1/odom does not move: odometry is that of /robot1/tf"]
 
     @pytest.mark.parametrize(
         "messages",

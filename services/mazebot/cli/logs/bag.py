@@ -78,6 +78,8 @@ class _Found:
     odometry: list[Told] = field(default_factory=list)
     transforms: dict[tuple[str, str], list[Told]] = field(default_factory=dict)
     """Of what moves as the robot does, by its parent and itself."""
+    transforms_topic: str = _MOVING
+    """Where these are."""
     are_moves_settled: bool = False
     """Add nothing to these any more."""
     frames: FixedFrames = field(default_factory=FixedFrames)
@@ -144,6 +146,8 @@ def read(path: Path, form: ScanForm, topics: Topics) -> Log:
             places, types = _places(path, found), {}
             is_wanted = not (found.poses and places.are_known) or found.is_doubtful
             if is_wanted and moving in bag.topics_of(_TRANSFORMS):
+                if not found.transforms:
+                    found.transforms_topic = moving
                 _take(found, bag, path, {moving: _TRANSFORMS}, static)
                 found.compare()
                 places = _places(path, found)
@@ -175,7 +179,7 @@ def read(path: Path, form: ScanForm, topics: Topics) -> Log:
         log = _log(path, found, places, len(bag.moves_ns))
         ends = dict.fromkeys((told.says.parent, told.says.frame) for told in found.poses)
         named = ", ".join(f"{parent!r:.60} to {child!r:.60}" for parent, child in ends)
-        source = topics.odom if found.poses is found.odometry else _MOVING
+        source = topics.odom if found.poses is found.odometry else found.transforms_topic
         unused = found.odometry_unused
         return replace(
             log,
