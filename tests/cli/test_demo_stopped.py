@@ -15,7 +15,8 @@ from mazebot.embedded.demo import FIRST_STEP
 
 def stopped_demo(folder: Path, number: signal.Signals, *options: str) -> tuple[int, str, str]:
     """Exit code, standard output and standard error of a run that a signal ends."""
-    words = ["demo", "--world", "original", "--no-camera", "--out", "my run", *options]
+    out = [] if "--out" in options else ["--out", "my run"]
+    words = ["demo", "--world", "original", "--no-camera", *out, *options]
     # Without a router of its own it needs no port.
     with subprocess.Popen(
         [sys.executable, "-m", "mazebot.cli", *words],
@@ -29,8 +30,8 @@ def stopped_demo(folder: Path, number: signal.Signals, *options: str) -> tuple[i
             if FIRST_STEP in line:
                 break
         run.send_signal(number)
-        out, err = run.communicate(timeout=60.0)
-    return run.returncode, out, err
+        said, err = run.communicate(timeout=60.0)
+    return run.returncode, said, err
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -50,3 +51,14 @@ def test_it_ends_with_the_signals_exit_code_and_says_how_to_view_it(
 def test_in_json_it_is_the_same_exit_code(tmp_path: Path) -> None:
     code, out, _ = stopped_demo(tmp_path, signal.SIGTERM, "--json")
     assert (code, json.loads(out)["exit_code"]) == (143, 143)
+
+
+def test_a_run_that_found_no_room_on_the_disk_says_that_it_is_not_recorded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MAZEBOT_RECORDER_MIN_FREE_MIB", str(2**30))
+    why = f"none: less than {2**30} MiB are free"
+    _, out, _ = stopped_demo(tmp_path, signal.SIGTERM, "--json")
+    assert json.loads(out)["unrecorded"] == why
+    _, out, _ = stopped_demo(tmp_path, signal.SIGTERM, "--out", "another run")
+    assert f"recording: {why}\n" in out

@@ -390,7 +390,8 @@ def test_the_recording_ends_whole_before_the_disk_is_full_and_goes_on_with_room(
     monkeypatch.setattr(run_module, "FLUSH_PERIOD_S", 0.0)
     monkeypatch.setattr(run_module, "SPACE_PERIOD_S", 0.0)
     world = room()
-    bench = Bench(recorder(tmp_path))
+    node = recorder(tmp_path)
+    bench = Bench(node)
     bench.say(opening(world))
     bench.say(driving(world, 1.0))
     (run,) = tmp_path.iterdir()
@@ -400,11 +401,13 @@ def test_the_recording_ends_whole_before_the_disk_is_full_and_goes_on_with_room(
     waiting = bench.node.waiting_for()
     assert waiting is not None
     assert waiting.endswith("less than 64 MiB are free")
+    assert node.unrecorded == "stopped at 1.0 s: less than 64 MiB are free"
     free[0] = 10_000
     bench.say(driving(world, 1.0, start_ns=2_000_000_000))
     assert bench.node.waiting_for() is None
     assert "/world/walls/bricks: " in entities_of(run / "run_2.rrd")
     bench.node.close()
+    assert node.unrecorded is None
     assert [path.name for path in run.glob("*.rrd")] == ["run.rrd"]
     verify(run / "run.rrd")
     assert summary_of(run)["sim_time_s"] == pytest.approx(3.0, abs=1e-3)

@@ -11,7 +11,7 @@ from contextlib import closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -25,7 +25,7 @@ from mazebot.common.node import log
 from mazebot.common.node.executive import Executive, MemoryTransport, StalledError
 from mazebot.common.node.node import Node
 from mazebot.common.own_command import own_command
-from mazebot.common.recordings.run_folder import TO_COMPRESS
+from mazebot.common.recordings.run_folder import RECORDING, SUMMARY, TO_COMPRESS
 from mazebot.common.settings.load import config_flag, load, world_hash_of_run
 from mazebot.common.stop_signals import exit_code_of, stopped_by
 from mazebot.common.world.map_files import read_map
@@ -376,6 +376,7 @@ def _run(
     transport = MemoryTransport() if beside is None else beside.transport
     executive = Executive(nodes, transport, rosout)
     (bringup,) = (node for node in nodes if isinstance(node, BringupNode))
+    (recorder,) = (node for node in nodes if isinstance(node, RecorderNode))
     with _progress(console) as progress:
         unit = "%" if bringup.explores else "goals"
         task = progress.add_task("starting", total=None, unit=unit)
@@ -417,8 +418,11 @@ def _run(
             executive.close()
     ended = exit_code_of(stopped) if code is None else code
     if bringup.recording:
-        folder = Path(bringup.recording)
-        _print_json(folder, ended) if options.as_json else _print_summary(console, folder)
+        folder, unrecorded = Path(bringup.recording), recorder.unrecorded
+        if options.as_json:
+            _print_json(folder, ended, unrecorded)
+        else:
+            _print_summary(console, folder, unrecorded)
     if code is None:
         console.print("interrupted; recording closed")
     return ended
@@ -434,26 +438,32 @@ def _doing(bringup: BringupNode) -> tuple[int, int, str]:
     return round(100.0 * status.seen_share), 100, f"{status.state}, {frontiers}"
 
 
-def _print_json(folder: Path, code: int) -> None:
-    """Print the run's summary, with its folder and the exit code, as one JSON object."""
-    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-    result = {"folder": str(folder), "exit_code": code}
-    sys.stdout.write(json.dumps(result | summary, indent=2, allow_nan=False) + "\n")
+def _print_json(folder: Path, code: int, unrecorded: str | None) -> None:
+    """Print the run's summary, with its folder, the exit code and why it is not recorded to its
+    end, as one JSON object.
+    """
+    result = {"folder": str(folder), "exit_code": code, "unrecorded": unrecorded}
+    sys.stdout.write(json.dumps(result | _summary(folder), indent=2, allow_nan=False) + "\n")
 
 
-def _print_summary(console: Console, folder: Path) -> None:
-    """Print the speed, the recording's folder and how to view it."""
-    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-    sim_s, factor = summary["sim_time_s"] or 0.0, summary["real_time_factor"]
-    pace = "" if factor is None else f" at {factor:.1f}x real time"
-    lines = [
-        f"{sim_s:.1f} s simulated{pace}, "
-        f"camera: {summary['renderer']}, state {summary['state_hash']}",
-        f"summary:   {folder / 'summary.json'}",
-    ]
-    if (folder / "run.rrd").is_file():
+def _print_summary(console: Console, folder: Path, unrecorded: str | None) -> None:
+    """Print the speed, the recording's folder and how to view it, or why it is not recorded to its
+    end.
+    """
+    lines = []
+    if summary := _summary(folder):
+        sim_s, factor = summary["sim_time_s"] or 0.0, summary["real_time_factor"]
+        pace = "" if factor is None else f" at {factor:.1f}x real time"
+        lines = [
+            f"{sim_s:.1f} s simulated{pace}, "
+            f"camera: {summary['renderer']}, state {summary['state_hash']}",
+            f"summary:   {folder / SUMMARY}",
+        ]
+    if unrecorded is not None:
+        lines.append(f"recording: {unrecorded}")
+    if (folder / RECORDING).is_file():
         lines += [
-            f"recording: {folder / 'run.rrd'}",
+            f"recording: {folder / RECORDING}",
             f"view it:   {own_command('recordings', 'view', folder)}",
         ]
     if (folder / TO_COMPRESS).exists():
@@ -463,6 +473,15 @@ def _print_summary(console: Console, folder: Path) -> None:
         else:
             lines.append(f"compress it: {own_command('recordings', 'compress', folder)}")
     console.print("\n".join(lines), markup=False, highlight=False)
+
+
+def _summary(folder: Path) -> dict[str, Any]:
+    """A run's summary; empty where its disk took none, as the recorder's log says."""
+    try:
+        content: dict[str, Any] = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return {}
+    return content
 
 
 class _ConsoleHandler(logging.Handler):

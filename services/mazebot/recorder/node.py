@@ -191,6 +191,7 @@ class RecorderNode(Node):
         """A world that may belong to that run, and the wall time of its arrival."""
         self._simulation: tuple[doc.SimulationStats, Envelope] | None = None
         self._run: Run | None = None
+        self._unrecorded: str | None = None
         self._closings = Closings()
         self._repair: Repair | None = None
         if config.record and config.repair and config.out_dir is None:
@@ -212,6 +213,13 @@ class RecorderNode(Node):
     def foxglove_port(self) -> int | None:
         """Where Foxglove is served; None: it is not."""
         return None if self._foxglove is None else self._foxglove.port
+
+    @property
+    def unrecorded(self) -> str | None:
+        """From when on the newest run is not recorded, and why; None: it is, or was to its end, or
+        should not be.
+        """
+        return self._unrecorded if self._run is None else self._run.unrecorded
 
     def reads(self) -> Collection[Topic[Any]]:
         """Everything, if it is recorded or drawn."""
@@ -320,6 +328,7 @@ class RecorderNode(Node):
         if run is None:
             return
         run.end()
+        self._unrecorded = run.unrecorded
 
         def finish() -> None:
             run.finish()

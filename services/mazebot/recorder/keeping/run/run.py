@@ -88,6 +88,9 @@ class Run:
         self._make_folder = make_folder
         self.trouble: str | None = None
         """What the recording lacks to be written."""
+        self.unrecorded: str | None = None
+        """From when on it is not written, and why."""
+        self._has_recording = False
         self._setting = setting
         self._judge = RunJudge(world, setting)
         self._evaluation = self._judge.evaluation
@@ -285,7 +288,8 @@ class Run:
             else:
                 if self.trouble is not None:
                     _LOG.info("recording resumed: %s", self._drawing.part)
-                self.trouble = None
+                self.trouble = self.unrecorded = None
+                self._has_recording = True
         if not self._drawing.is_open and self._setting.live is not None:
             self._drawing.begin(now_ns, properties, in_file=False)
 
@@ -326,6 +330,8 @@ class Run:
         trouble = f"disk space for {recording}: {reason}"
         if trouble != self.trouble:
             _LOG.error("recording stopped: %s: %s", recording, reason)
+            when = f"stopped at {self._end[1] * 1e-9:.1f} s" if self._has_recording else "none"
+            self.unrecorded = f"{when}: {reason}"
         self.trouble = trouble
         self.messages.end()
         self._drawing.end_file()
