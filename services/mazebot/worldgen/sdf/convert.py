@@ -482,10 +482,10 @@ class _Conversion:
             for gap_m, place in _places(model.world_from_model, wall)
         ]
         if not places:
-            marker, why = model.attributes["marker"], _off_wall(model.world_from_model)
-            self._ignore(f"marker {marker}, which {why}", model.name)
+            name, why = model.attributes["marker"], _off_wall(model.world_from_model)
+            self._ignore(f"marker {name}, which {why}", model.name)
             self._told.append(
-                f"marker {marker} ({model.name}) is left out, for it {why}: a marker hangs upright "
+                f"marker {name} ({model.name}) is left out, for it {why}: a marker hangs upright "
                 "on a face of a wall"
             )
             return []
