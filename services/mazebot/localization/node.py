@@ -63,7 +63,7 @@ from mazebot.common.node.pose_estimate import (
 from mazebot.common.node.schedule import Schedule
 from mazebot.common.node.simulation_watch import SimulationWatch
 from mazebot.common.robot.frozen_scans import FROZEN, FrozenScans
-from mazebot.common.robot.wheel_slip import WheelSlip, log_slip
+from mazebot.common.robot.wheel_slip import SlipLog, WheelSlip
 from mazebot.common.world.costmap import MAX_MAP_CELLS
 from mazebot.localization.config import STEP_PERIOD_NS, LocalizationConfig
 from mazebot.localization.kernels import compile_kernels
@@ -106,6 +106,7 @@ class LocalizationNode(Node):
         """Whether the filter was given the start pose."""
         self._odom: tuple[int, SE2] | None = None
         self._slip, self._frozen = WheelSlip(), FrozenScans()
+        self._slip_log = SlipLog(_LOG)
         self._scanned = False
         self._schedule = Schedule()
         self._published: tuple[State, int | None, bool, bool] | None = None
@@ -465,10 +466,10 @@ class LocalizationNode(Node):
         slips = self._slip.slips
         suspect = localization is not None and state == "localized" and localization.is_suspect
         published = state, self._watch.epoch, slips, suspect
+        self._slip_log.update(now_ns, slips)
         if due or self._published != published:
             if self._published is None or self._published[0] != state:
                 _LOG.info("%s%s", state, f": {reason}" if reason else "")
-            log_slip(_LOG, slips, self._published is not None and self._published[2])
             self._published = published
             outbox.put(
                 LOCALIZATION_STATUS,

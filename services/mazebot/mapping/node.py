@@ -43,7 +43,7 @@ from mazebot.common.node.pose_estimate import (
 from mazebot.common.node.schedule import Schedule
 from mazebot.common.node.simulation_watch import SimulationWatch
 from mazebot.common.robot.frozen_scans import FROZEN, FrozenScans
-from mazebot.common.robot.wheel_slip import WheelSlip, log_slip
+from mazebot.common.robot.wheel_slip import SlipLog, WheelSlip
 from mazebot.mapping.config import STEP_PERIOD_NS, MappingConfig
 from mazebot.mapping.graph.graph_file import load_graph
 from mazebot.mapping.kernels import compile_kernels
@@ -99,6 +99,7 @@ class MappingNode(Node):
         self._scanned = False
         self._schedule = Schedule()
         self._slip, self._frozen = WheelSlip(), FrozenScans()
+        self._slip_log = SlipLog(_LOG)
         self._published: tuple[str, int | None, bool, bool] | None = None
         """State, epoch, slip and suspicion of the status last published."""
         self._published_map: int | None = None
@@ -295,13 +296,13 @@ class MappingNode(Node):
         slips = self._slip.slips
         suspect = slam is not None and state == "localized" and slam.is_suspect
         published = state, self._watch.epoch, slips, suspect
+        self._slip_log.update(now_ns, slips)
         if due or self._published != published:
             if self._published is None or self._published[0] != state:
                 if state == "lost":
                     _LOG.warning("lost: %s", _CARRIED_OFF)
                 else:
                     _LOG.info("%s", state)
-            log_slip(_LOG, slips, self._published is not None and self._published[2])
             self._published = published
             outbox.put(
                 LOCALIZATION_STATUS,

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from mazebot.common.maths import portable
 from mazebot.common.maths.frames import SE2, Array
 from mazebot.common.messages import messages as msg
+from mazebot.common.messages.error_codes import ErrorCode
 from mazebot.common.messages.scan import Scan
 from mazebot.common.world.costmap import Cells, Clearance
 from mazebot.common.world.grids import distance_cells
@@ -62,6 +63,13 @@ State = Literal["planning", "controlling", "recovering", "held"]
 _NOWHERE = SE2(0.0, 0.0, 0.0)
 _SEARCH_STANDS_NS = 3_000_000_000
 """A search that found no motion for so long finds none."""
+_WEDGED_NS = 20_000_000_000
+"""A robot whose wheels slip in one place for so long does not get away from there."""
+_WEDGED_M = 0.25
+"""What it seems to move meanwhile, until a slip is noticed, is less."""
+_SLIPS_AGAIN_NS = 5_000_000_000
+"""After longer, a slip is another one."""
+_WEDGED = "stuck: the wheels turn, the robot does not move"
 
 
 class DepthSources(NamedTuple):
@@ -70,6 +78,14 @@ class DepthSources(NamedTuple):
     local_costmap: bool = True
     global_costmap: bool = True
     collision_monitor: bool = True
+
+
+class _Wedged(NamedTuple):
+    """Slips of the wheels in one place."""
+
+    since_ns: int
+    last_ns: int
+    map_from_base: SE2
 
 
 @dataclass
@@ -112,6 +128,8 @@ class Drive:
     stopped_at: list[tuple[float, float]] = field(default_factory=list)
     """Where it could not go on, x and y in the map, in order; without those where it was lost."""
     _slips: bool = False
+    _wedged: _Wedged | None = None
+    """Where the wheels slip again and again."""
     _commanded: Velocity = STOP
     """What was sent last."""
     _smoothed_ns: int = 0
@@ -311,6 +329,10 @@ class Drive:
         if away is not None and ended is None:
             return away, None
         back = self._backs_off(now_ns, measured, epoch)
+        if ended is None and self._is_wedged(now_ns, measured, epoch):
+            ended = navigator.abort(now_ns, ErrorCode.FAILED_TO_MAKE_PROGRESS, _WEDGED)
+            self._end_own_motion(measured, epoch)
+            return None, ended
         if back is not None:
             return back, ended
         # A task that needs no pose has a command of its own.
@@ -344,7 +366,22 @@ class Drive:
         """Neither search for the pose nor back off: a person drives, or there is no task."""
         self._search = None
         self._slips = measured.wheels_slip(epoch)
+        self._wedged = None
         self.back_off.end()
+
+    def _is_wedged(self, now_ns: int, measured: Measurements, epoch: int | None) -> bool:
+        """Whether the wheels have slipped again and again, and the robot has stayed where it is."""
+        if not (self._slips and measured.is_localized(epoch)):
+            return False
+        pose, before = measured.map_from_base(), self._wedged
+        if (
+            before is None
+            or now_ns - before.last_ns > _SLIPS_AGAIN_NS
+            or pose.distance_m(before.map_from_base) > _WEDGED_M
+        ):
+            before = _Wedged(now_ns, now_ns, pose)
+        self._wedged = before._replace(last_ns=now_ns)
+        return now_ns - before.since_ns > _WEDGED_NS
 
     def _backs_off(self, now_ns: int, measured: Measurements, epoch: int | None) -> Velocity | None:
         """The command of a robot that could not go on; None: it can."""

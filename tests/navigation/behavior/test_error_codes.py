@@ -28,6 +28,8 @@ from mazebot.common.messages.error_codes import ACTION_CODES, COMMON_CODES, Erro
         ("NavigateThroughPoses", 9101, "FAILED_TO_LOAD_BEHAVIOR_TREE"),
         ("NavigateToPose", 0, "NONE"),
         ("NavigateToPose", 208, "ComputePathToPose NO_VALID_PATH"),
+        # Ours, of whatever action.
+        ("Spin", 9011, "WORLD_RESTARTED"),
         ("Wait", 4711, "code 4711"),
     ],
 )

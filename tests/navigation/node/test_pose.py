@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from mazebot.common.maths.frames import (
 )
 from mazebot.common.messages import action_documents as act
 from mazebot.common.messages import messages as msg
+from mazebot.common.messages.error_codes import ErrorCode
 from mazebot.common.messages.topics import (
     AMCL_POSE,
     GLOBAL_LOCALIZATION_REQUEST,
@@ -233,3 +235,28 @@ def test_only_what_the_lidar_does_not_see_is_remembered_where_the_wheels_slip(se
     driver.run(2.0)
     assert (len(drive.hidden.touched_m) > 0) != seen
     assert (len(drive.stopped_at) > 0) != seen
+
+
+@pytest.mark.parametrize("wedged", [True, False])
+def test_a_task_ends_where_the_wheels_turn_and_the_robot_does_not_move(
+    wedged: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    driver = ready()
+    driver.goal(LOCATIONS["location1"])
+    driver.run(3.0)
+    place, drive = driver.robot.map_from_base, driver.node._drive
+    assert drive is not None
+    with caplog.at_level(logging.INFO):
+        while not driver.results():
+            driver.step()
+            if wedged or driver.now_ns < 10_000_000_000:
+                driver.robot.map_from_base = place
+                # What has stopped it does not keep it from trying again.
+                drive.forget_hidden()
+            assert driver.now_ns < 90_000_000_000
+    (result,) = driver.results()
+    assert result.error_code == (ErrorCode.FAILED_TO_MAKE_PROGRESS if wedged else 0)
+    if wedged:
+        assert result.error_msg == "stuck: the wheels turn, the robot does not move"
+    told = [one for one in caplog.messages if one.startswith("the wheels slip")]
+    assert len(told) == 1

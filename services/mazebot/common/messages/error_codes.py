@@ -191,16 +191,19 @@ COMMON_CODES: Mapping[int, str] = MappingProxyType(
 
 
 def code_name(action: str, code: int) -> str:
-    """Nav2's name of an action's code; a code of another action with that action's name.
+    """Nav2's name of an action's code, or ours, which hold for every action; a code of another
+    action with that action's name.
 
     NavigateToPose ends with the code of what failed in its tree: `code_name("NavigateToPose", 208)`
     is `ComputePathToPose NO_VALID_PATH`.
     """
     if code in COMMON_CODES:
         return COMMON_CODES[code]
+    if code in _OURS:
+        return _OURS[code]
     if code in ACTION_CODES.get(action, {}):
         return ACTION_CODES[action][code]
     for other, names in ACTION_CODES.items():
         if code in names:
             return f"{other} {names[code]}"
-    return _OURS.get(code, f"code {code}")
+    return f"code {code}"

@@ -62,6 +62,8 @@ _AGAIN_M, _AGAIN_RAD = 0.025, 0.06
 _AGAIN_BETTER: Final = 0.75
 """of which scans with noise tell less."""
 _LEAST_BEAMS: Final = 25
+_HOLD_NS: Final = 5_000_000_000
+"""So long after a slip, another one is one of its own."""
 _BEAM_STEP: Final = 4
 
 
@@ -249,12 +251,26 @@ def compile_kernels() -> None:
     )
 
 
-def log_slip(logger: logging.Logger, slips: bool, slipped: bool) -> None:
-    """Tell where a slip begins and where it ends."""
-    if slips and not slipped:
-        logger.warning("the wheels slip: the pose does not follow them")
-    elif slipped and not slips:
-        logger.info("the wheels hold again")
+class SlipLog:
+    """Tells where a slip begins, and where the wheels have held again for a while: of a robot that
+    is wedged, they slip again with each attempt.
+    """
+
+    def __init__(self, logger: logging.Logger) -> None:
+        self._logger = logger
+        self._slipped_ns: int | None = None
+
+    def update(self, now_ns: int, slips: bool) -> None:
+        """Take whether the wheels slip now."""
+        if self._slipped_ns is not None and now_ns < self._slipped_ns:
+            self._slipped_ns = None
+        if slips:
+            if self._slipped_ns is None:
+                self._logger.warning("the wheels slip: the pose does not follow them")
+            self._slipped_ns = now_ns
+        elif self._slipped_ns is not None and now_ns - self._slipped_ns > _HOLD_NS:
+            self._logger.info("the wheels hold again")
+            self._slipped_ns = None
 
 
 def _is_better(misfit_m: float, by_odometry_m: float, share: float) -> bool:
