@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from pydantic import Field
 
-from mazebot.common.config import ConfigError, ServiceConfig
+from mazebot.common.config import ConfigError, ServiceConfig, printable
 from mazebot.common.files.root import ROOT
 from mazebot.common.settings.known_settings import ALONE
 from mazebot.common.settings.load import load
@@ -173,3 +173,12 @@ def test_the_help_names_the_program(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         load(PhysicsConfig, "physics", ["--help"])
     assert capsys.readouterr().out.startswith("usage: python -m mazebot.physics ")
+
+
+@pytest.mark.parametrize(("name", "shown"), [
+    (b"w\xc3\xb6rld".decode("ascii", "surrogateescape"), "w\u00f6rld"),
+    (os.fsdecode(b"w\xf6rld"), r"w\xf6rld"),
+    ("a\nb\ud800", r"a\x0ab\xd800"),
+])  # fmt: skip
+def test_a_name_that_the_locale_cannot_read_is_shown_by_its_bytes(name: str, shown: str) -> None:
+    assert printable(name) == shown

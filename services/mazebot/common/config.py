@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from difflib import get_close_matches
@@ -236,10 +238,21 @@ def one_line(
 
 
 def printable(text: str) -> str:
-    """A text with codes in place of control characters: what a stranger sends is shown, too."""
+    """A text with codes in place of control characters: what a stranger sends is shown, too. Bytes
+    of a file's name that the locale cannot read are shown as UTF-8, or each by its code.
+    """
     if text.isprintable():
         return text
+    text = _UNREAD.sub(_read, text)
     return "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in text)
+
+
+_UNREAD = re.compile("[\udc80-\udcff]+")
+"""How Python has bytes that it could not read in a text."""
+
+
+def _read(unread: re.Match[str]) -> str:
+    return os.fsencode(unread[0]).decode("utf-8", "backslashreplace")
 
 
 def _nearest_hint(model: type[BaseModel], location: tuple[int | str, ...]) -> str:
