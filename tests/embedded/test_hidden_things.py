@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
-from mazebot.bench.navigation.courses import hidden
+from mazebot.bench.navigation.courses import bench_worlds, hidden
 from mazebot.bench.navigation.scenario import Options
+from mazebot.common.messages.documents import BodyEntity, Box, Shape
+from mazebot.common.messages.topics import CONTACTS, GLOBAL_COSTMAP
+from mazebot.embedded.session import Session
 
 
 @pytest.mark.slow
@@ -30,3 +34,26 @@ def test_what_no_sensor_shows_is_run_into_once_and_driven_round() -> None:
     assert row.extra["freed_s"] <= 20.0
     assert row.localisation_p95_m is not None
     assert row.localisation_p95_m < 0.05
+
+
+@pytest.mark.slow
+def test_a_mat_that_is_rolled_over_leaves_the_floor_free() -> None:
+    room = {"walls": bench_worlds.fenced(8.0, 4.0), "start": bench_worlds.start(-2.0, 0.0)}
+    mat = Shape(name="mat", geometry=Box(size_m=(0.6, 2.0, 0.008)))
+    place = bench_worlds.made("bench_mat", room)
+    with Session(place.name, seed=1, worlds_dir=place.worlds_dir) as session:
+        session.run_for(1.0)
+        session.spawn(BodyEntity(name="mat", position_m=(0.0, 0.0, 0.004), shapes=(mat,)))
+        with session.watching(CONTACTS) as contacts:
+            for x_m in (2.0, -2.0, 2.0):
+                result = session.goal(x_m, 0.0)
+                assert result.error_code == 0, result.error_msg
+        assert {one.body for one in contacts} <= {"mat"}
+        costmap = session.latest(GLOBAL_COSTMAP)
+        assert costmap is not None
+        grid, resolution_m = costmap.info, costmap.info.resolution
+        costs = np.array(costmap.data).reshape(grid.height, grid.width)
+        rows, columns = np.nonzero(costs == 100)
+        x_m = grid.origin.position.x + (columns + 0.5) * resolution_m
+        y_m = grid.origin.position.y + (rows + 0.5) * resolution_m
+        assert not ((np.abs(x_m) < 3.7) & (np.abs(y_m) < 1.7)).any()
