@@ -21,8 +21,9 @@ WHEEL_RADIUS_M: Final = 0.033
 WAFFLE_RADIUS_M: Final = 0.22
 """Of the disc that models it: Nav2's `robot_radius` for a waffle."""
 FOOT_M, TOP_M = 0.02, 0.22
-"""Heights above the floor between which it can collide: above what its wheels roll over, up to the
-top with its camera (0.214 m) and a little more.
+"""Heights above the floor of what counts as an obstacle: above what counts as floor, up to the top
+with its camera (0.214 m) and a little more. Its wheels roll over an edge of 6 mm from 0.12 m/s on,
+of 10 mm from 0.36 m/s on; one of 15 mm stops it.
 """
 LIDAR_HEIGHT_M: Final = 0.132
 """Of base_scan above the floor, in models/turtlebot3_waffle/model.urdf."""

@@ -1,8 +1,8 @@
 """The part of a solid object with which a robot on the floor can collide, seen from above.
 
-That is everything between `FOOT_M` and `TOP_M`: a doorstep low enough for the wheels is free, and
-so is the space under a table's top, except for the legs. Between two equal heights it is what a
-lidar in that plane sees.
+That is everything between `FOOT_M` and `TOP_M`: what is lower counts as floor, and the space under
+a table's top is free, except for the legs. Between two equal heights it is what a lidar in that
+plane sees.
 """
 
 from __future__ import annotations
