@@ -54,6 +54,6 @@ def test_a_mat_that_is_rolled_over_leaves_the_floor_free() -> None:
         grid, resolution_m = costmap.info, costmap.info.resolution
         costs = np.array(costmap.data).reshape(grid.height, grid.width)
         rows, columns = np.nonzero(costs == 100)
-        x_m = grid.origin.position.x + (columns + 0.5) * resolution_m
-        y_m = grid.origin.position.y + (rows + 0.5) * resolution_m
-        assert not ((np.abs(x_m) < 3.7) & (np.abs(y_m) < 1.7)).any()
+        xs_m = grid.origin.position.x + (columns + 0.5) * resolution_m
+        ys_m = grid.origin.position.y + (rows + 0.5) * resolution_m
+        assert not ((np.abs(xs_m) < 3.7) & (np.abs(ys_m) < 1.7)).any()
