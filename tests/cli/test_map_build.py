@@ -213,6 +213,23 @@ class TestLogsAsTheyAre:
         assert f"--log: {log}: the scans do not fit each other" in said
         assert "--angle-increment" in said
 
+    def test_a_map_that_contradicts_itself_is_told(self, hall: Hall, tmp_path: Path) -> None:
+        """By odometry alone, whose heading goes to and fro, walls stand in several places."""
+        lines = self.lines(hall, every=3)
+        for i, words in enumerate(lines):
+            for place in (-7, -4):
+                words[place] = str(float(words[place]) + 0.3 * math.sin(i))
+        params = tmp_path / "p.yaml"
+        params.write_text("use_scan_matching: false\ndo_loop_closing: false\n")
+        options = ("map", "build", "--log", str(self.written(tmp_path, lines)), "--json")
+        out = ("--out", str(tmp_path / "out"))
+        right = RUNNER.invoke(app, [*options, *out])
+        assert json.loads(right.stdout)["contradicted_median"] < 0.15
+        wrong = RUNNER.invoke(app, [*options, *out, "--params", str(params)])
+        assert json.loads(wrong.stdout)["contradicted_median"] > 0.2
+        assert "the map contradicts itself" in wrong.stderr
+        assert "the map contradicts itself" not in right.stderr
+
     def test_scans_that_turn_against_odometry_are_told(
         self, hall: Hall, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:

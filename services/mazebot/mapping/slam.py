@@ -34,7 +34,9 @@ from mazebot.mapping.matching.occupancy import (
     MapGrid,
     Occupancy,
     Structures,
+    coarse_grid,
     share_behind_walls,
+    share_contradicted,
     share_in_free,
 )
 from mazebot.mapping.matching.odometry_quality import OdometryQuality
@@ -131,6 +133,7 @@ _SURE_PULL_M = 0.1
 _LARGE_MOVE_M, _LARGE_TURN_RAD = 0.3, 0.35
 """Since the last scan: beyond it odometry is no start for the refinement."""
 _HALF_TRACK_M = 0.15
+_JUDGED = 100
 _MARKER_NODE_M = 1.0
 """A sighting is attached to a keyframe within this."""
 _ROUND_RAD = 5.5
@@ -344,6 +347,13 @@ class Slam:
         if self._grid is None or self._grid[0] != self.map_version:
             self._grid = (self.map_version, self._occupancy.grid())
         return self._grid[1]
+
+    def contradicted(self) -> Array:
+        """(n,) of keyframes, all or 100 to 200 of them: `share_contradicted` by the map of all."""
+        keyframes = [(self._graph.pose(node), seen) for node, seen in enumerate(self._seen)]
+        grid = coarse_grid(keyframes, self._params.resolution)
+        some = keyframes[:: max(1, len(keyframes) // _JUDGED)]
+        return np.array([share_contradicted(grid, pose, seen) for pose, seen in some])
 
     def has_odometry(self, stamp_ns: int) -> bool:
         """Whether there is odometry for a time."""

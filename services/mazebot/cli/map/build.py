@@ -49,6 +49,10 @@ _FILES = (f"{MAP}.pgm", f"{MAP}.yaml", GRAPH, TRAJECTORY, TRAJECTORY_TUM)
 _JUMPS_SHOWN = 5
 _MOST_TURN_DISAGREEMENT = 0.6
 """Of good logs: 0.01 to 0.3; of beams in the wrong sense: 1.1 to 2."""
+_MOST_CONTRADICTED = 0.2
+"""Of a SICK's logs, also with few beams or a fifth of the range: 0.01 to 0.15 where walls are right
+within 0.1 m; where they stand twice, 0.2 to 0.5.
+"""
 _MANY_CARRIED_OFF = 0.2
 """Of the scans: a robot that is carried off finds itself where it has been."""
 _HALF = 50
@@ -208,6 +212,14 @@ def _warn_of_fit(log_file: Path, built: Built) -> None:
             "returns lie where those before saw walls, by the median: should be "
             f"{100.0 * _LEAST_FIT:.0f} % or more",
             "--angle-min, --angle-increment and --lidar",
+        ),
+        (
+            built.fit_median >= _LEAST_FIT and built.contradicted > _MOST_CONTRADICTED,
+            f"the map contradicts itself: {100.0 * built.contradicted:.0f} % of what a keyframe "
+            "saw stands on floor that others saw or behind their walls, by the median: should be "
+            f"{100.0 * _MOST_CONTRADICTED:.0f} % or less",
+            "the picture of --draw, --angle-increment and --lidar; scans closer together, or of "
+            "more beams, help",
         ),
         (
             built.turn_disagreement > _MOST_TURN_DISAGREEMENT,

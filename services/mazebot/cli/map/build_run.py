@@ -44,6 +44,8 @@ class Built:
     """By odometry."""
     odometry: Array
     """(k, 4) time and odom_from_base of the log."""
+    contradicted: float
+    """Share of a keyframe's returns on floor that others saw, or behind their walls: the median."""
 
     @property
     def log_s(self) -> float:
@@ -96,6 +98,7 @@ class Built:
                 for jump in self.slam.jumps
             ],
             "fit_median": round(self.fit_median, 3),
+            "contradicted_median": round(self.contradicted, 3),
             "turn_disagreement": round(self.turn_disagreement, 3),
             "log_s": round(self.log_s, 3),
             "driven_m": round(self.driven_m, 2),
@@ -178,7 +181,7 @@ def run(
     times_s = np.array(stamps_ns, np.float64) * 1e-9
     return Built(
         slam, graph, times_s, poses, scans, np.array(fits), np.array(step_ms), elapsed_s,
-        driven_m, np.array(odometry),
+        driven_m, np.array(odometry), float(np.median(slam.contradicted())),
     )  # fmt: skip
 
 

@@ -32,6 +32,8 @@ _FOLLOWED = 180
 """About so many beams say enough."""
 _CROSSINGS = 3
 """So many beams through something say that it is not there."""
+_COARSE_M = 0.2
+"""Twice as far as what is near to a line and fits."""
 _SHOWN_M = 0.12
 """A return so near to something shows it."""
 
@@ -302,6 +304,23 @@ def share_behind_walls(
     is_wall = (wall & (np.abs(beyond_m) <= _BEHIND_M / 2.0)).any(axis=1)
     behind = (wall & (beyond_m < -_BEHIND_M)).any(axis=1) & ~is_wall
     return float(behind.mean())
+
+
+def coarse_grid(keyframes: Iterable[tuple[SE2, ScanPoints]], resolution_m: float) -> MapGrid:
+    """The map of keyframes, map_from_base and what was seen there, in cells of this side or larger
+    ones, whose walls are as wide as returns scatter.
+    """
+    occupancy = Occupancy(max(resolution_m, _COARSE_M))
+    occupancy.rebuild(keyframes)
+    return occupancy.grid()
+
+
+def share_contradicted(grid: MapGrid, map_from_base: SE2, seen: ScanPoints) -> float:
+    """The share of a scan's returns that lie where the map is free, and of those that come from
+    behind its walls, together: up to 2.
+    """
+    free = share_in_free(grid, map_from_base, seen.points_m)
+    return free + share_behind_walls(grid, map_from_base, seen.points_m, seen.sensor)
 
 
 def share_in_free(grid: MapGrid, map_from_base: SE2, returns_m: Array) -> float:
