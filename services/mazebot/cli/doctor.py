@@ -220,7 +220,7 @@ def _wrong_places(
         here, there, settings = (
             " and ".join(parts) for parts in zip(*nearest, strict=True)
         )  # fmt: skip
-        return [f"no node of Mazebot in {here}, but in {there}: must be {settings}"]
+        return [f"no node of Mazebot {here}, but {there}: must be {settings}"]
     elsewhere: dict[str, list[str]] = defaultdict(list)
     for node in nodes:
         elsewhere[node.domain].append(node.name)

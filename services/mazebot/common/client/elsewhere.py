@@ -47,18 +47,20 @@ def differences(place: Place, keys: Keys) -> list[Difference]:
     found = []
     if not keys.is_ros:
         found.append(
-            Difference("wire plain", "wire rmw_zenoh", "MAZEBOT_BUS_WIRE=rmw_zenoh"),
+            Difference("on the wire plain", "on the wire rmw_zenoh", "MAZEBOT_BUS_WIRE=rmw_zenoh"),
         )
     if place.domain != here.domain:
         found.append(
             Difference(
-                f"domain {here.domain}", f"domain {place.domain}", f"ROS_DOMAIN_ID={place.domain}"
+                f"in domain {here.domain}",
+                f"in domain {place.domain}",
+                f"ROS_DOMAIN_ID={place.domain}",
             )
         )
     if place.namespace != here.namespace:
         found.append(
             Difference(
-                f"namespace {here.namespace or '/'}", f"namespace {place.namespace or '/'}",
+                f"in namespace {here.namespace or '/'}", f"in namespace {place.namespace or '/'}",
                 f"MAZEBOT_BUS_PREFIX={place.namespace.removeprefix('/') or empty}",
             )
         )  # fmt: skip
@@ -73,7 +75,7 @@ def elsewhere(nodes: Iterable[GraphPlace], services: Container[str], keys: Keys)
     if not all(ways):
         return ""
     texts = [
-        f"in {' and '.join(one.there for one in way)} ({' '.join(one.setting for one in way)})"
+        f"{' and '.join(one.there for one in way)} ({' '.join(one.setting for one in way)})"
         for way in ways
     ]
     return f"; one runs {' or '.join(texts)}" if texts else ""
