@@ -48,7 +48,7 @@ class Tilt:
         self._tilts.clear()
 
     def take(self, imu: msg.Imu, base_from_imu: Array) -> None:
-        """Take a reading, later than those before."""
+        """Take the next reading."""
         stamp_ns = msg.ns_from_time(imu.header.stamp)
         spin, force = imu.angular_velocity, imu.linear_acceleration
         level = _vector(base_from_imu[2, :3].tolist())
@@ -56,7 +56,8 @@ class Tilt:
         if self._up is None:
             self._up = level
         else:
-            elapsed_s = min((stamp_ns - self._tilts[-1][0]) * 1e-9, _LONGEST_S)
+            # Readings may be lost, or be of a simulation that has ended since.
+            elapsed_s = min(max((stamp_ns - self._tilts[-1][0]) * 1e-9, 0.0), _LONGEST_S)
             turn = [(a + b) / 2.0 * elapsed_s for a, b in zip(rate, self._rate, strict=True)]
             moved = _cross(self._up, _vector(turn))
             self._up = _unit([a + b for a, b in zip(self._up, moved, strict=True)])
