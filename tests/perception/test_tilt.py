@@ -88,6 +88,36 @@ def test_the_tilt_is_that_of_the_gyroscope(base_from_imu: Array) -> None:
     assert tilt.at(ride.now_ns + PERIOD_NS + 1) == 0.0
 
 
+def test_a_sensor_mounted_badly_with_a_gyroscope_that_drifts_sees_the_true_tilt_alone() -> None:
+    off = transform_matrix(rotation_from_rpy(0.02, -0.015, 0.0), (0.0, 0.0, 0.0))
+    tilt, ride = Tilt(TOLERANCE_RAD), Ride(off)
+    tilts_rad = []
+    for round_ in range(600):
+        pushed_m_s2 = (0.0, 0.5, 0.0, -0.5)[round_ % 4]
+        for one in ride.stand(0.0, pushed_m_s2):
+            # It turns in every other round.
+            spin = one.angular_velocity if round_ % 2 else msg.Vector3(0.0, 0.0, 0.0)
+            one.angular_velocity = msg.Vector3(spin.x + 3e-3, spin.y, spin.z)
+            tilt.take(one, np.eye(4))
+            tilts_rad.append(tilt.at(ride.now_ns))
+    assert max(tilts_rad[len(tilts_rad) // 20 :]) <= TOLERANCE_RAD
+    for one in ride.tip(AHEAD_DOWN_RAD):
+        tilt.take(one, np.eye(4))
+    assert tilt.at(ride.now_ns) == pytest.approx(AHEAD_DOWN_RAD, rel=0.2)
+
+
+def test_a_robot_that_turned_before_its_mounting_was_known_is_level_when_it_stands() -> None:
+    off = transform_matrix(rotation_from_rpy(0.02, -0.015, 0.0), (0.0, 0.0, 0.0))
+    tilt, ride = Tilt(TOLERANCE_RAD), Ride(off)
+    for one in ride.stand(0.0, readings=540):
+        tilt.take(one, np.eye(4))
+    assert tilt.at(ride.now_ns) > TOLERANCE_RAD
+    for one in ride.stand(0.0, readings=2400):
+        one.angular_velocity = msg.Vector3(0.0, 0.0, 0.0)
+        tilt.take(one, np.eye(4))
+    assert tilt.at(ride.now_ns) <= TOLERANCE_RAD
+
+
 def scan_of(made: Bench, stamp_ns: int) -> msg.LaserScan:
     made.hear(DEPTH_IMAGE, depth_image(stamp_ns))
     made.step(stamp_ns)

@@ -26,24 +26,45 @@ _STEADY_READINGS = 30
 """A quarter of a second: their mean has a twentieth of a degree of noise at most, and no robot
 accelerates so long as a tilted one would have to, to look level.
 """
+_LEARNS = 0.02
+"""Of what a level robot feels in a quarter of a second, so much goes into what level is, and more
+at first: in 12 s, starts and stops cancel out.
+"""
+_TRUSTED_READINGS = 4
+"""So many quarters of a second the mounting that the sensor tells counts for."""
+_MOST_OFF_RAD = 0.035
+"""No sensor is mounted so badly: the robot accelerates, or is tilted."""
+_STANDS = 40
+"""Quarters of a second without tipping. A robot that is tilted less than a sensor may be, and stays
+so, counts as level: else its camera would be lost for good.
+"""
 
 
 class Tilt:
-    """The tilt at each of the last readings. The robot is level at first."""
+    """The tilt at each of the last readings. The robot is level at first, and the sensor mounted as
+    it says, or nearly: what it feels where the gyroscope knows of no tilt is what level is.
+    """
 
     def __init__(self, tolerance_rad: float) -> None:
         """A robot tilted by less than the tolerance counts as level."""
         self._tolerance = tolerance_rad
         self._up: _Vector | None = None
         """Of the world, in the axes of the sensor"""
+        self._level: _Vector | None = None
+        """Of the robot, in the same axes"""
+        self._learned = _TRUSTED_READINGS
+        self._steady = 0
+        """Quarters of a second since it was last seen to tip"""
         self._rate: _Vector = (0.0, 0.0, 0.0)
         self._felt: list[_Vector] = []
-        """Specific forces since it was last seen to tip or to be level"""
+        """Specific forces of a part of a quarter of a second without tipping"""
         self._tilts: deque[tuple[int, float]] = deque(maxlen=_KEPT)
 
     def forget(self) -> None:
         """Begin anew, with a level robot."""
-        self._up = None
+        self._up = self._level = None
+        self._learned = _TRUSTED_READINGS
+        self._steady = 0
         self._felt.clear()
         self._tilts.clear()
 
@@ -51,27 +72,45 @@ class Tilt:
         """Take the next reading."""
         stamp_ns = msg.ns_from_time(imu.header.stamp)
         spin, force = imu.angular_velocity, imu.linear_acceleration
-        level = _vector(base_from_imu[2, :3].tolist())
         rate = (spin.x, spin.y, spin.z)
-        if self._up is None:
-            self._up = level
+        if self._up is None or self._level is None:
+            self._up = self._level = _vector(base_from_imu[2, :3].tolist())
+        if _length(_cross(rate, self._level)) > _STEADY_RAD_S:
+            self._steady = 0
+            self._felt.clear()
         else:
-            # Readings may be lost, or be of a simulation that has ended since.
-            elapsed_s = min(max((stamp_ns - self._tilts[-1][0]) * 1e-9, 0.0), _LONGEST_S)
+            # The rest may be the gyroscope's bias.
+            yaw_rate = _dot(rate, self._level)
+            rate = _vector([yaw_rate * axis for axis in self._level])
+            self._felt.append((force.x, force.y, force.z))
+        if self._tilts:
+            elapsed_s = min((stamp_ns - self._tilts[-1][0]) * 1e-9, _LONGEST_S)
             turn = [(a + b) / 2.0 * elapsed_s for a, b in zip(rate, self._rate, strict=True)]
             moved = _cross(self._up, _vector(turn))
             self._up = _unit([a + b for a, b in zip(self._up, moved, strict=True)])
         self._rate = rate
-        if _length(_cross(rate, level)) > _STEADY_RAD_S:
-            self._felt.clear()
-        else:
-            self._felt.append((force.x, force.y, force.z))
         if len(self._felt) >= _STEADY_READINGS:
-            total = _unit([sum(axis) for axis in zip(*self._felt, strict=True)])
-            if _angle_rad(total, level) <= self._tolerance:
-                self._up = level
+            self._take_steady(_unit([sum(axis) for axis in zip(*self._felt, strict=True)]))
             self._felt.clear()
-        self._tilts.append((stamp_ns, _angle_rad(self._up, level)))
+        self._tilts.append((stamp_ns, _angle_rad(self._up, self._level)))
+
+    def _take_steady(self, felt: _Vector) -> None:
+        """Take the mean direction of the force while the robot did not tip."""
+        assert self._up is not None
+        assert self._level is not None
+        self._steady += 1
+        off_rad = _angle_rad(felt, self._level)
+        stands = off_rad <= _MOST_OFF_RAD and self._steady >= _STANDS
+        if stands or max(off_rad, _angle_rad(self._up, self._level)) <= _MOST_OFF_RAD:
+            self._learned += 1
+            share = max(_LEARNS, 1.0 / self._learned)
+            moved = [share * (a - b) for a, b in zip(felt, self._level, strict=True)]
+            self._level, self._up = (
+                _unit([a + b for a, b in zip(one, moved, strict=True)])
+                for one in (self._level, self._up)
+            )
+        if stands or off_rad <= self._tolerance:
+            self._up = self._level
 
     def at(self, stamp_ns: int) -> float:
         """The tilt at a time, rad; 0 where no reading tells."""
@@ -85,8 +124,12 @@ def _cross(a: _Vector, b: _Vector) -> _Vector:
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
+def _dot(a: _Vector, b: _Vector) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
 def _length(v: _Vector) -> float:
-    return math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    return math.sqrt(_dot(v, v))
 
 
 def _vector(values: Sequence[float]) -> _Vector:
@@ -100,4 +143,4 @@ def _unit(values: Sequence[float]) -> _Vector:
 
 
 def _angle_rad(a: _Vector, b: _Vector) -> float:
-    return portable.atan2(_length(_cross(a, b)), a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+    return portable.atan2(_length(_cross(a, b)), _dot(a, b))
