@@ -107,7 +107,8 @@ def test_a_run_can_be_told_in_json(
     assert left.value.code == 0
     told, log = capfd.readouterr()
     assert json.loads(told) == {
-        "folder": str(tmp_path / "r"), "exit_code": 0, **summary_of(tmp_path / "r"),
+        "folder": str(tmp_path / "r"), "exit_code": 0, "unrecorded": None,
+        **summary_of(tmp_path / "r"),
     }  # fmt: skip
     assert "tour finished" in log
     assert "recording to" not in log
