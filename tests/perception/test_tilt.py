@@ -16,6 +16,8 @@ from mazebot.common.maths.frames import (
 )
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.topics import DEPTH_IMAGE, DEPTH_SCAN, IMU, TF_STATIC
+from mazebot.perception.config import PerceptionConfig
+from mazebot.perception.node import PerceptionNode
 from mazebot.perception.tilt import Tilt
 from tests.perception.test_node import PERIOD_NS, Bench, depth_bench, depth_image, tf
 
@@ -144,3 +146,10 @@ def test_a_depth_image_of_a_tilted_robot_measures_nothing() -> None:
         made.hear(IMU, one)
     assert np.isfinite(scan_of(made, ride.now_ns).ranges).any()
     assert not made.node.warning()
+
+
+@pytest.mark.parametrize("has_camera", [True, False])
+def test_without_a_camera_nobody_asks_for_readings(has_camera: bool) -> None:
+    node = PerceptionNode(PerceptionConfig(), has_camera=has_camera)
+    assert (IMU in node.reads()) == has_camera
+    assert TF_STATIC in node.reads()

@@ -164,7 +164,10 @@ def robot_nodes(
         WorldgenNode(worldgen_config(options), load_world),
         PhysicsNode(_configured(options, PhysicsConfig, "physics", settings)),
         SpawnerNode(_configured(options, SpawnerConfig, "spawner", seed)),
-        PerceptionNode(_configured(options, PerceptionConfig, "perception", seed)),
+        PerceptionNode(
+            _configured(options, PerceptionConfig, "perception", seed),
+            has_camera=options.camera is not False,
+        ),
         NavigationNode(_configured(options, NavigationConfig, "navigation", navigation)),
         *mappers,
     ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections import Counter, deque
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, NamedTuple
 
@@ -42,6 +42,7 @@ from mazebot.common.messages.topics import (
     TF_STATIC,
     WORLD,
     Topic,
+    read_by,
 )
 from mazebot.common.node.frame_tree import FrameTree
 from mazebot.common.node.node import Inbox, Node, Outbox
@@ -95,7 +96,8 @@ class PerceptionNode(Node):
     """As long as work on an image may take: what it gives is published one step later."""
     depth = 4
 
-    def __init__(self, config: PerceptionConfig) -> None:
+    def __init__(self, config: PerceptionConfig, has_camera: bool = True) -> None:
+        """`has_camera`: whether the robot may have one. Else it makes no use of the IMU."""
         self._config = config
         self._worker = ThreadPoolExecutor(1, "markers")
         self._search: _Search | None = None
@@ -120,7 +122,8 @@ class PerceptionNode(Node):
         self._photo_wanted_ns: int | None = None
         """A picture of this time or later is to be published."""
         self._published = False
-        self._has_camera = True
+        self._has_camera = has_camera
+        self._reads = [one for one in read_by(self.name) if has_camera or one is not IMU]
         """False: the simulator renders no images."""
         self._static_frames = FrameTree()
         self._odom_from_base = PoseHistory(_ODOMETRY_KEPT)
@@ -187,6 +190,10 @@ class PerceptionNode(Node):
         if self._image is not None:
             return "the camera's intrinsics"
         return "an image" if self._has_camera else None
+
+    def reads(self) -> Collection[Topic[Any]]:
+        """See Node."""
+        return self._reads
 
     def warning(self) -> str:
         """See Node: that the robot is tilted."""
@@ -286,8 +293,12 @@ class PerceptionNode(Node):
                     self._map_from_odom = entry.transform
 
     def _take_imu(self, inbox: Inbox) -> None:
+        frames: dict[str, Array | None] = {}
         for imu in inbox.new(IMU):
-            base_from_imu = self._static_frames.chain(BASE_FOOTPRINT_FRAME, imu.header.frame_id)
+            frame = imu.header.frame_id
+            if frame not in frames:
+                frames[frame] = self._static_frames.chain(BASE_FOOTPRINT_FRAME, frame)
+            base_from_imu = frames[frame]
             # By ROS, -1 is of a sensor that does not measure this.
             covariances = imu.angular_velocity_covariance, imu.linear_acceleration_covariance
             if base_from_imu is not None and all(one[0] >= 0.0 for one in covariances):

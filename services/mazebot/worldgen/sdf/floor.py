@@ -62,9 +62,12 @@ def floor_of(groups: Sequence[Group], start_xy: tuple[float, float]) -> Floor:
     is a ground plane, too, boxes are the floor only if they lie on it and the start is on them.
     What an export has noted is left out.
     """
-    planes, solids = _planes_and_solids(groups)
+    planes, parts = _planes_and_solids(groups)
     ground_m = next((0.0 for z in planes if abs(z) <= FLOOR_M), max(planes, default=None))
     under_m = ground_m or 0.0
+    if not any(_is_slab(*one) for one in parts):
+        return Floor(under_m)
+    solids = [_solid(*one) for one in parts]
     centres = shapely.centroid([one.area for one in solids])
     lows_m = np.array([one.low_m for one in solids])
     tops_m = np.array([one.top_m for one in solids])
@@ -92,9 +95,11 @@ def floor_of(groups: Sequence[Group], start_xy: tuple[float, float]) -> Floor:
     return replace(best, told=tuple(told))
 
 
-def _planes_and_solids(groups: Sequence[Group]) -> tuple[list[float], list[_Solid]]:
-    """The heights of level static planes, and everything else that is solid, without what an
-    export has noted.
+def _planes_and_solids(
+    groups: Sequence[Group],
+) -> tuple[list[float], list[tuple[Group, Part, Array]]]:
+    """The heights of level static planes, and everything else that is solid, with its pose in the
+    world, without what an export has noted.
     """
     planes, solids = [], []
     for group in groups:
@@ -102,7 +107,8 @@ def _planes_and_solids(groups: Sequence[Group]) -> tuple[list[float], list[_Soli
             continue
         for part in group.parts:
             if part.solid and part.has_end:
-                solids.append(_solid(group, part))
+                pose = product(group.world_from_body, part.body_from_part)
+                solids.append((group, part, pose))
             elif part.solid and group.static:
                 height_m = level_height(group, part)
                 planes += [] if height_m is None else [height_m]
@@ -136,8 +142,8 @@ def level_height(group: Group, part: Part) -> float | None:
     return float(pose[2, 3]) if pose[2, 2] > 1.0 - ALIGNED else None
 
 
-def _solid(group: Group, part: Part) -> _Solid:
-    pose, geometry = product(group.world_from_body, part.body_from_part), part.geometry
+def _solid(group: Group, part: Part, pose: Array) -> _Solid:
+    geometry = part.geometry
     if isinstance(geometry, MeshGeometry):
         # Files of meshes are not read yet. The origin of most is in their middle, on the floor.
         low_m = float(pose[2, 3])
@@ -154,12 +160,15 @@ def _solid(group: Group, part: Part) -> _Solid:
         float(corners[:, 2].min()),
         number(corners[:, 2].max()),
         shapely.MultiPoint(corners[:, :2]).convex_hull,
-        group.static and isinstance(geometry, doc.Box) and _is_slab(geometry, pose),
+        _is_slab(group, part, pose),
     )
 
 
-def _is_slab(box: doc.Box, pose: Array) -> bool:
-    """Whether a box lies flat in the world, wide enough to be a floor."""
+def _is_slab(group: Group, part: Part, pose: Array) -> bool:
+    """Whether a part is a static box that lies flat in the world, wide enough to be a floor."""
+    box = part.geometry
+    if not (group.static and isinstance(box, doc.Box)):
+        return False
     up = np.abs(pose[2, :3])
     axis = int(up.argmax())
     sides = [side for one, side in enumerate(box.size_m) if one != axis]
