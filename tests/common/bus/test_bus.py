@@ -22,7 +22,7 @@ from mazebot.bench.parts.loopback_router import running_router
 from mazebot.common.bus.attachment import pack_attachment, unpack_attachment
 from mazebot.common.bus.bus import Bus
 from mazebot.common.bus.config import BusConfig
-from mazebot.common.bus.linger import stop_lingering
+from mazebot.common.bus.connections import stop_lingering
 from mazebot.common.bus.liveliness import alive, alive_key
 from mazebot.common.bus.publisher import publish
 from mazebot.common.bus.session import open_session

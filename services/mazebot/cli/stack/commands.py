@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 import sys
 import time
 from pathlib import Path
@@ -19,6 +18,7 @@ from mazebot.cli.parsing.completion import (
 )
 from mazebot.cli.parsing.options import Camera, Json, TextureBase, UseAruco, print_json
 from mazebot.cli.parsing.patience import doing, say_first, wait_quietly
+from mazebot.common.bus.connections import listens
 from mazebot.common.config import ConfigError
 
 if TYPE_CHECKING:
@@ -29,8 +29,7 @@ _ACTIVE_S = 180.0
 """Time for the services to become active."""
 _OTHERS_S, _LATER_S = 20.0, 3.0
 """For so long what others send is waited for, where there are some, and where they may come yet."""
-_ANSWER_S = 1.0
-"""For so long whoever listens on this machine may take to take a connection."""
+_THIS_MACHINE = "127.0.0.1"
 
 RouterPort = Annotated[
     int | None,
@@ -228,7 +227,7 @@ def down(port: RouterPort = None) -> None:
 
     folder = StackFolder(router_port(port))
     if folder.running() is None:
-        if _listens(folder.port):
+        if listens(_THIS_MACHINE, folder.port):
             sys.stderr.write(f"error: down: {_nothing(folder)}\n")
             raise typer.Exit(1)
         _say(_nothing(folder))
@@ -321,22 +320,13 @@ def _nothing(folder: StackFolder) -> str:
 
     others = [state.endpoint.rpartition(":")[2] for state in running_stacks()]
     hint = f"; another one does: --router-port {' or '.join(others)}" if others else ""
-    if _listens(folder.port):
+    if listens(_THIS_MACHINE, folder.port):
         return (
             f"something listens on port {folder.port} that is no stack this shell knows of: "
             "containers (docker compose ps), a demo with --console, or a mazebot up of another "
             f"user or with another TMPDIR or XDG_RUNTIME_DIR{hint}"
         )
     return f"no stack runs on port {folder.port}: mazebot up starts one{hint}"
-
-
-def _listens(port: int) -> bool:
-    """Whether somebody does, on this machine."""
-    try:
-        socket.create_connection(("127.0.0.1", port), _ANSWER_S).close()
-    except OSError:
-        return False
-    return True
 
 
 def _duration(seconds: float) -> str:

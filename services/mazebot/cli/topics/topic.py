@@ -10,6 +10,7 @@ import math
 import statistics
 import sys
 import time
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -34,9 +35,7 @@ ARRAY_SHOWN = 12
 def list_topics(endpoint: str, verbose: bool, as_json: bool) -> None:
     """Print the topics whose owners are running; where none is, standard error tells so."""
     with ZenohRobot(endpoint) as robot:
-        services = robot.alive().keys()
-        if not services:
-            sys.stderr.write(f"{NO_STACK}{robot.elsewhere(*SERVICES)}\n")
+        services = _running(robot).keys()
     there = sorted(
         (topic for topic in TOPICS if services & set(topic.owners)), key=lambda topic: topic.name
     )
@@ -48,13 +47,19 @@ def list_topics(endpoint: str, verbose: bool, as_json: bool) -> None:
         sys.stdout.write(f"{topic.name}{kind}\n")
 
 
+def _running(robot: ZenohRobot) -> Mapping[str, frozenset[str]]:
+    """As `Robot.alive`; where no service runs, standard error tells so."""
+    services = robot.alive()
+    if not services:
+        sys.stderr.write(f"{NO_STACK}{robot.elsewhere(*SERVICES)}\n")
+    return services
+
+
 def print_topic(endpoint: str, name: str, as_json: bool) -> None:
     """Print a topic's row of the table, and which of its services are running."""
     topic = named_topic(name)
     with ZenohRobot(endpoint) as robot:
-        services, key = robot.alive(), robot.keys.of_topic(topic)
-        if not services:
-            sys.stderr.write(f"{NO_STACK}{robot.elsewhere(*SERVICES)}\n")
+        services, key = _running(robot), robot.keys.of_topic(topic)
     info = {
         "name": topic.name,
         "type": wire.type_name(topic),

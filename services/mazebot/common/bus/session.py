@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import socket
 from datetime import datetime
 from pathlib import Path
 from typing import Any, cast
@@ -12,7 +11,7 @@ from typing import Any, cast
 import zenoh
 
 from mazebot.common.bus.config import BusConfig
-from mazebot.common.bus.linger import stop_lingering
+from mazebot.common.bus.connections import listens, stop_lingering
 from mazebot.common.files.key_file import (
     TLS,
     Key,
@@ -151,13 +150,7 @@ def _why_not(endpoint: str, key_file: Path | None, key: Key | None) -> BusUnavai
 
 def _listens(endpoint: str) -> bool:
     found = re.fullmatch(r"(?:tcp|tls)/\[?(?P<host>.+?)\]?:(?P<port>\d+)", endpoint)
-    if found is None:
-        return False
-    try:
-        socket.create_connection((found["host"], int(found["port"])), 1.0).close()
-    except OSError:
-        return False
-    return True
+    return found is not None and listens(found["host"], int(found["port"]))
 
 
 def close_links_at_once(session: zenoh.Session) -> None:

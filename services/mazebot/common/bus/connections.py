@@ -1,4 +1,4 @@
-"""TCP connections that close at once."""
+"""TCP connections: whether one is taken, and that they close at once."""
 
 from __future__ import annotations
 
@@ -9,6 +9,19 @@ from pathlib import Path
 
 _LINGER = struct.Struct("ii")
 """`struct linger` of setsockopt(2): whether to linger, and for how many seconds."""
+
+
+_ANSWER_S = 1.0
+"""For so long whoever listens may take to take a connection."""
+
+
+def listens(host: str, port: int) -> bool:
+    """Whether somebody does, by a connection that is closed at once."""
+    try:
+        socket.create_connection((host, port), _ANSWER_S).close()
+    except OSError:
+        return False
+    return True
 
 
 def stop_lingering() -> None:
