@@ -122,9 +122,9 @@ class PerceptionNode(Node):
         self._photo_wanted_ns: int | None = None
         """A picture of this time or later is to be published."""
         self._published = False
-        self._has_camera = has_camera
         self._reads = [one for one in read_by(self.name) if has_camera or one is not IMU]
-        """False: the simulator renders no images."""
+        self._has_camera = True
+        """False: the simulator says that it renders no images."""
         self._static_frames = FrameTree()
         self._odom_from_base = PoseHistory(_ODOMETRY_KEPT)
         self._odometry: deque[tuple[int, msg.Transform]] = deque(maxlen=_ODOMETRY_KEPT)
