@@ -91,6 +91,20 @@ def test_every_message_is_the_same_again_over_a_router(in_process: Record, tmp_p
     assert len(ours) == len(theirs)
 
 
+@pytest.mark.parametrize("slam", [False, True])
+@pytest.mark.parametrize("camera", [False, True])
+def test_a_node_in_one_process_says_the_same_as_the_service_of_its_configuration(
+    tmp_path: Path, camera: bool, slam: bool
+) -> None:
+    options = DemoOptions(out_dir=tmp_path, record=False, camera=camera, slam=slam)
+    for node in build_nodes(options):
+        alone = type(node)(node._config)  # type: ignore[call-arg]
+        assert (alone.waiting_for(), alone.warning()) == (node.waiting_for(), node.warning())
+        assert alone.facts() == node.facts()
+        node.close()
+        alone.close()
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(240)
 def test_every_message_is_the_same_between_processes_in_lockstep(
