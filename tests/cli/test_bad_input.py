@@ -177,6 +177,7 @@ localize : --map|--log|--global
 localize --log log.csv : --map|--log
 localize --map map.yaml : --log|--map
 localize --global --start 0 0 0 : --start|--map
+localize --global --range-max 3 : --range-max|--map and --log
 localize --global --timeout 0 : --timeout|0
 localize --map map.yaml --log log.csv --timeout 3 : --timeout|--map
 localize --map map.yaml --log log.csv --range-max 0 : --range-max|0

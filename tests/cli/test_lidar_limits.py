@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from mazebot.cli.app import app
-from mazebot.cli.logs.log import ScanForm
+from mazebot.cli.logs.log import ScanForm, Topics
 from mazebot.cli.logs.read import read_log
 from mazebot.common.config import ConfigError
 from tests.cli.test_lidar_places import RANGES_M, STEP_NS, read, scans_of, write
@@ -47,6 +47,29 @@ def test_limits_that_hold_no_range_are_refused_and_can_be_given(
     log = read_log(bag, ScanForm(range_min_m=0.2, range_max_m=8.0))
     assert {(one.range_min_m, one.range_max_m) for one in scans_of(log)} == {(0.2, 8.0)}
     assert not log.remarks()
+
+
+@pytest.mark.parametrize("increment_rad", [0.1, math.nan, 0.0])
+def test_directions_that_are_given_are_in_the_place_of_the_bags(
+    tmp_path: Path, increment_rad: float
+) -> None:
+    bag = write(tmp_path / "bag", stamps_ns=STAMPS_NS, increment_rad=increment_rad)
+    log = read_log(bag, ScanForm(angle_min_rad=0.5, angle_increment_rad=-0.02))
+    told = {(one.angle_min_rad, one.angle_increment_rad) for one in scans_of(log)}
+    assert told == {(0.5, -0.02)}
+
+
+def test_directions_are_given_of_one_lidar_alone(tmp_path: Path) -> None:
+    bag = write(tmp_path / "bag", stamps_ns=STAMPS_NS, frames=("left", "right"))
+    with pytest.raises(ConfigError, match="2 lidars, 'left', 'right': must be given for one"):
+        read_log(bag, ScanForm(angle_min_rad=0.5))
+
+
+def test_topics_are_of_a_bag_alone(tmp_path: Path) -> None:
+    log = tmp_path / "log.csv"
+    log.write_text("time_s,odom_x_m,odom_y_m,odom_yaw_rad,range_0\n0,0,0,0,1\n")
+    with pytest.raises(ConfigError, match=f"{log} has no topics: must be given with a bag"):
+        read_log(log, ScanForm(), Topics(scan="/front/scan"))
 
 
 def test_scans_whose_limits_hold_no_range_are_counted_and_left_out(tmp_path: Path) -> None:

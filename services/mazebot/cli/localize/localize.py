@@ -87,8 +87,20 @@ def localize(
             raise ConfigError(
                 "localize: must be given --map and --log, or --global for a running robot"
             )
-        for option, value in (("--start", start), ("--draw", draw), ("--lidar", lidar)):
-            if value is not None:
+        of_a_log = {
+            "--start": start is not None,
+            "--draw": draw is not None,
+            "--seed": seed != 0,
+            "--lidar": lidar is not None,
+            "--angle-min": angle_min is not None,
+            "--angle-increment": angle_increment is not None,
+            "--range-min": range_min is not None,
+            "--range-max": range_max is not None,
+            "--scan-topic and --odom-topic": Topics(scan_topic, odom_topic).are_given,
+            "--odom-scale": odom_scale != 1.0,
+        }
+        for option, is_given in of_a_log.items():
+            if is_given:
                 raise ConfigError(f"{option}: must be given with --map and --log")
         from mazebot.cli.drive.find_robot import find_robot  # noqa: PLC0415 - loads Zenoh
 

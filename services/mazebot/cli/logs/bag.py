@@ -131,9 +131,9 @@ class _Found:
 
 def read(path: Path, form: ScanForm, topics: Topics) -> Log:
     """Read scans and odometry, the latter from `/tf` where the bag has none on its own topic, or
-    what is there does not move, or not for most of the time, and `/tf` does. Of the scans' form,
-    the limits of the ranges may be given. The transforms are those of the scans' own namespace, and
-    beyond them the ones that have none: these may be another robot's.
+    what is there does not move, or not for most of the time, and `/tf` does. What is given of the
+    scans' form replaces what the bag says. The transforms are those of the scans' own namespace,
+    and beyond them the ones that have none: these may be another robot's.
 
     Raises ConfigError with one line that names file and topic, and what is wrong.
     """
@@ -160,7 +160,7 @@ def read(path: Path, form: ScanForm, topics: Topics) -> Log:
         if not found.scans and found.without_direction:
             raise ConfigError(
                 f"--log: {path}: {topics.scan}: angle_min and angle_increment must be finite "
-                "radians, and the increment not 0"
+                "radians, and the increment not 0: --angle-min and --angle-increment replace them"
             )
         if not found.scans and found.without_limits:
             raise ConfigError(
@@ -169,6 +169,12 @@ def read(path: Path, form: ScanForm, topics: Topics) -> Log:
             )
         if not found.scans:
             raise ConfigError(_missing(path, bag, topics.scan, _SCAN, "--scan-topic"))
+        if len(found.lidars) > 1 and form.says_directions:
+            named = ", ".join(f"{frame!r:.60}" for frame in found.lidars)
+            raise ConfigError(
+                f"--angle-min and --angle-increment: {path}: {topics.scan} has scans of "
+                f"{len(found.lidars)} lidars, {named}: must be given for one lidar alone"
+            )
         if not found.poses and found.without_number:
             raise ConfigError(
                 f"--log: {path}: has no odometry: {found.without_number} poses and transforms are "
@@ -458,11 +464,13 @@ def _is_unit(q: Any) -> bool:
 
 
 def _add_scan(found: _Found, log_ns: int, message: Any) -> None:
-    angle_min_rad, step_rad = float(message.angle_min), float(message.angle_increment)
-    if not (math.isfinite(angle_min_rad) and math.isfinite(step_rad) and step_rad):
+    form = found.form
+    start_rad = message.angle_min if form.angle_min_rad is None else form.angle_min_rad
+    told_rad = form.angle_increment_rad
+    step_rad = message.angle_increment if told_rad is None else told_rad
+    if not (math.isfinite(start_rad) and math.isfinite(step_rad) and step_rad):
         found.without_direction += 1
         return
-    form = found.form
     least_m = message.range_min if form.range_min_m is None else form.range_min_m
     longest_m = message.range_max if form.range_max_m is None else form.range_max_m
     if not (math.isfinite(least_m) and least_m < longest_m):
@@ -471,8 +479,8 @@ def _add_scan(found: _Found, log_ns: int, message: Any) -> None:
         return
     scan = LoggedScan(
         np.asarray(message.ranges, np.float32),
-        angle_min_rad,
-        step_rad,
+        float(start_rad),
+        float(step_rad),
         float(least_m),
         float(longest_m),
         message.header.frame_id.lstrip("/"),

@@ -372,6 +372,11 @@ class ScanForm:
     range_min_m: float | None = None
     range_max_m: float | None = None
 
+    @property
+    def says_directions(self) -> bool:
+        """Whether anything is given of the beams' directions."""
+        return self.angle_min_rad is not None or self.angle_increment_rad is not None
+
     def ranges_m(self, default_min_m: float, default_max_m: float) -> tuple[float, float]:
         """The least and the longest range.
 
@@ -392,6 +397,11 @@ class Topics:
 
     scan: str = "/scan"
     odom: str = "/odom"
+
+    @property
+    def are_given(self) -> bool:
+        """Whether they are others than a bag mostly has."""
+        return self != Topics()
 
 
 @dataclass

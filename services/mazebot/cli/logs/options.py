@@ -36,11 +36,16 @@ Lidar = Annotated[
 ]
 AngleMin = Annotated[
     float | None,
-    typer.Option(help="rad; direction of the first range of a CSV or CARMEN log, 0 is ahead"),
+    typer.Option(
+        help="rad; direction of the first range, 0 is ahead [default: 0; CARMEN and a bag: the "
+        "log's]"
+    ),
 ]
 AngleIncrement = Annotated[
     float | None,
-    typer.Option(help="rad between its ranges [default: a full turn in all; CARMEN: the log's]"),
+    typer.Option(
+        help="rad between ranges [default: a full turn in all; CARMEN and a bag: the log's]"
+    ),
 ]
 RangeMin = Annotated[
     float | None,

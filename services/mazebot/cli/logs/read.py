@@ -84,6 +84,10 @@ def _read(path: Path, form: ScanForm, topics: Topics) -> Log:
         packed = False
     if b"\0" in begin:
         raise ConfigError(f"--log: {path}: must be {FORMATS}")
+    if topics.are_given:
+        raise ConfigError(
+            f"--scan-topic and --odom-topic: {path} has no topics: must be given with a bag"
+        )
     reader = carmen.read if carmen.is_carmen(begin.decode("utf-8", "replace")) else csv_file.read
     with open_regular(path) as file:
         content = cast(IO[bytes], gzip.GzipFile(fileobj=file)) if packed else file
