@@ -18,8 +18,8 @@ from mazebot.cli.map import build
 from mazebot.cli.map.build_run import run
 from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import SE2, Array
+from mazebot.common.maths.odometry_history import NO_ODOMETRY
 from mazebot.mapping.params import SlamParams
-from mazebot.mapping.slam import NO_ODOMETRY
 from tests.cli import robot_logs
 
 RUNNER = CliRunner()

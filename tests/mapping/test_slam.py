@@ -8,12 +8,13 @@ import pytest
 from numpy.typing import ArrayLike
 
 from mazebot.common.maths.frames import SE2, Array
+from mazebot.common.maths.odometry_history import NO_ODOMETRY
 from mazebot.common.messages.documents import Planar
 from mazebot.common.messages.scan import Scan
 from mazebot.mapping.loops.carried_off import CarriedOff
 from mazebot.mapping.matching.occupancy import MapGrid
 from mazebot.mapping.params import SlamParams
-from mazebot.mapping.slam import CARRIED_OFF, NO_ODOMETRY, NO_RETURNS, NOT_LATER, Slam
+from mazebot.mapping.slam import CARRIED_OFF, NO_RETURNS, NOT_LATER, Slam
 from tests.mapping.simulated import (
     LDS,
     SCAN_NS,

@@ -60,10 +60,9 @@ from mazebot.common.node.pose_estimate import (
     pose_message,
     transform_message,
 )
+from mazebot.common.node.pose_measurements import PoseMeasurements, StatusReports
 from mazebot.common.node.schedule import Schedule
 from mazebot.common.node.simulation_watch import SimulationWatch
-from mazebot.common.robot.frozen_scans import FROZEN, FrozenScans
-from mazebot.common.robot.wheel_slip import SlipLog, WheelSlip
 from mazebot.common.world.costmap import MAX_MAP_CELLS
 from mazebot.localization.config import STEP_PERIOD_NS, LocalizationConfig
 from mazebot.localization.kernels import compile_kernels
@@ -74,7 +73,6 @@ from mazebot.localization.monte_carlo import Localization, LocalizationState
 _LOG = logging.getLogger("localization")
 
 _AMCL_POSE_PERIOD_NS = 100_000_000
-_STATUS_PERIOD_NS = 500_000_000
 _PARTICLES_PERIOD_NS = 500_000_000
 _CHECKPOINT_PERIOD_NS = 500_000_000
 
@@ -104,13 +102,9 @@ class LocalizationNode(Node):
         self._localization: Localization | None = None
         self._started = False
         """Whether the filter was given the start pose."""
-        self._odom: tuple[int, SE2] | None = None
-        self._slip, self._frozen = WheelSlip(), FrozenScans()
-        self._slip_log = SlipLog(_LOG)
-        self._scanned = False
+        self._measured = PoseMeasurements()
         self._schedule = Schedule()
-        self._published: tuple[State, int | None, bool, bool] | None = None
-        """State, epoch, slip and suspicion of the status last published."""
+        self._reports = StatusReports(_LOG)
         self._kept: LocalizationCheckpoint | None = None
         """Of the process before, until its pose is used."""
         self._resumed = False
@@ -131,9 +125,9 @@ class LocalizationNode(Node):
             return "the map"
         if SCAN_FRAME not in self._base_from:
             return "static transforms on /tf_static"
-        if self._odom is None:
+        if self._measured.odom is None:
             return "odometry"
-        if not self._scanned:
+        if not self._measured.scanned:
             return "a scan"
         return None
 
@@ -240,10 +234,10 @@ class LocalizationNode(Node):
 
     def _reset(self) -> None:
         """Drop all measurements; the filter restarts at the start pose."""
-        self._odom = None
-        self._slip, self._frozen = WheelSlip(), FrozenScans()
-        self._scanned = self._started = False
+        self._measured = PoseMeasurements()
+        self._started = False
         self._schedule.clear()
+        self._reports.restart()
         self._localization = None
         self._misplaced.clear()
         if self._map is None or self._world is None or self._is_off():
@@ -275,21 +269,24 @@ class LocalizationNode(Node):
             if not self._watch.is_of_this_run(stamp_ns, ODOM, inbox):
                 continue
             odom_from_base = msg.se2_from_pose(odom.pose.pose)
-            localization.odometry(stamp_ns, self._slip.odometry(stamp_ns, odom_from_base))
-            self._odom = (stamp_ns, odom_from_base)
-        if self._odom is None or SCAN_FRAME not in self._base_from:
+            corrected = self._measured.note_odometry(stamp_ns, odom_from_base)
+            localization.odometry(stamp_ns, corrected)
+        latest = self._measured.odom
+        if latest is None or SCAN_FRAME not in self._base_from:
             return
-        if not self._started and not self._resumes(localization, self._odom[1], inbox):
+        if not self._started and not self._resumes(localization, latest[1], inbox):
             return
         self._resumed = True
         if not self._started:
-            self._start_at(localization, self._odom[1])
+            self._start_at(localization, latest[1])
         for initial in poses:
             self._take_initial_pose(localization, initial, inbox)
         for stamp_ns, message in by_stamp(scans, sightings):
             if isinstance(message, msg.LaserScan):
                 if self._watch.is_of_this_run(stamp_ns, SCAN, inbox):
-                    self._take_scan(localization, stamp_ns, message, inbox)
+                    scan = Scan.from_message(message, Mount.of(self._base_from[SCAN_FRAME]))
+                    if problem := self._measured.add_scan(scan, localization):
+                        inbox.reject(SCAN, problem)
             elif self._watch.is_of_this_run(stamp_ns, DETECTIONS, inbox):
                 self._take_detections(localization, stamp_ns, message, inbox)
 
@@ -367,22 +364,6 @@ class LocalizationNode(Node):
         else:
             _LOG.info("Setting pose: %.3f %.3f %.3f", *pose)
 
-    def _take_scan(
-        self, localization: Localization, stamp_ns: int, scan: msg.LaserScan, inbox: Inbox
-    ) -> None:
-        if not localization.has_odometry(stamp_ns):
-            inbox.reject(SCAN, "without odometry at their time")
-            return
-        taken = Scan.from_message(scan, Mount.of(self._base_from[SCAN_FRAME]))
-        assert self._odom is not None
-        if self._frozen.is_frozen(taken, self._odom[1]):
-            inbox.reject(SCAN, FROZEN)
-            return
-        if self._slip.scan(taken):
-            localization.correct_odometry(self._slip.corrected)
-        localization.scan(taken)
-        self._scanned = True
-
     def _take_detections(
         self, localization: Localization, stamp_ns: int, seen: msg.Detection3DArray, inbox: Inbox
     ) -> None:
@@ -440,7 +421,7 @@ class LocalizationNode(Node):
 
     def _state(self) -> State:
         localization = self._localization
-        if localization is None or not self._started or not self._scanned:
+        if localization is None or not self._started or not self._measured.scanned:
             return "uninitialized"
         return localization.state
 
@@ -448,51 +429,42 @@ class LocalizationNode(Node):
         """Publish the pose, the particles and the status."""
         localization = self._localization
         if localization is not None and self._started and localization.initialized:
-            map_from_odom = self._slip.with_odom(localization.map_from_odom())
+            map_from_odom = self._measured.map_from_odom(localization)
             outbox.put(TF, transform_message(now_ns, map_from_odom))
             if self._schedule.is_due("amcl_pose", now_ns, _AMCL_POSE_PERIOD_NS):
-                assert self._odom is not None
-                outbox.put(AMCL_POSE, pose_message(self._odom[0], *localization.pose()))
+                assert self._measured.odom is not None
+                outbox.put(AMCL_POSE, pose_message(self._measured.odom[0], *localization.pose()))
             if self._schedule.is_due("particles", now_ns, _PARTICLES_PERIOD_NS):
                 particles = localization.particles()
                 outbox.offer(PARTICLE_CLOUD, lambda: cloud_message(now_ns, particles))
             if self._schedule.is_due("checkpoint", now_ns, _CHECKPOINT_PERIOD_NS):
                 outbox.offer(LOCALIZATION_CHECKPOINT, lambda: self._checkpoint(localization))
-        state = self._state()
-        # Called on every step, so that the period counts from the last status published.
-        due = self._schedule.is_due("status", now_ns, _STATUS_PERIOD_NS)
-        reason = "" if localization is None else "; ".join(localization.reasons)
-        reason = "; ".join(filter(None, (reason, self.warning())))
-        slips = self._slip.slips
-        suspect = localization is not None and state == "localized" and localization.is_suspect
-        published = state, self._watch.epoch, slips, suspect
-        self._slip_log.update(now_ns, slips)
-        if due or self._published != published:
-            if self._published is None or self._published[0] != state:
-                _LOG.info("%s%s", state, f": {reason}" if reason else "")
-            self._published = published
-            outbox.put(
-                LOCALIZATION_STATUS,
-                LocalizationStatus(
-                    state=state,
-                    quality=0.0 if localization is None else localization.quality,
-                    reason=reason,
-                    wants_motion=localization is not None and localization.wants_motion,
-                    epoch=self._watch.epoch,
-                    wheel_slip=slips,
-                    suspect=suspect,
-                ),
-            )
+        status = self._status()
+        if self._reports.is_due(now_ns, status):
+            outbox.put(LOCALIZATION_STATUS, status)
+
+    def _status(self) -> LocalizationStatus:
+        localization, state = self._localization, self._state()
+        reasons = () if localization is None else localization.reasons
+        return LocalizationStatus(
+            state=state,
+            quality=0.0 if localization is None else localization.quality,
+            reason="; ".join(filter(None, (*reasons, self.warning()))),
+            wants_motion=localization is not None and localization.wants_motion,
+            epoch=self._watch.epoch,
+            wheel_slip=self._measured.slips,
+            suspect=localization is not None and state == "localized" and localization.is_suspect,
+        )
 
     def _checkpoint(self, localization: Localization) -> LocalizationCheckpoint:
         """What a process that is started again goes on with."""
-        assert self._odom is not None
+        assert self._measured.odom is not None
         pose, covariance = localization.pose()
         return LocalizationCheckpoint(
             world_hash=self.world_hash,
             epoch=self._watch.epoch,
             state=self._state(),
-            odom_from_base=Planar.of(self._odom[1]),
+            odom_from_base=Planar.of(self._measured.odom[1]),
             map_from_base=Planar.of(pose),
             covariance=tuple(PlanarCovariance.from_matrix(covariance)),
         )

@@ -40,20 +40,18 @@ from mazebot.common.node.pose_estimate import (
     pose_message,
     transform_message,
 )
+from mazebot.common.node.pose_measurements import PoseMeasurements, StatusReports
 from mazebot.common.node.schedule import Schedule
 from mazebot.common.node.simulation_watch import SimulationWatch
-from mazebot.common.robot.frozen_scans import FROZEN, FrozenScans
-from mazebot.common.robot.wheel_slip import SlipLog, WheelSlip
 from mazebot.mapping.config import STEP_PERIOD_NS, MappingConfig
 from mazebot.mapping.graph.graph_file import load_graph
 from mazebot.mapping.kernels import compile_kernels
 from mazebot.mapping.messages import map_message, marker_name, planar
-from mazebot.mapping.slam import NO_ODOMETRY, Slam
+from mazebot.mapping.slam import Slam
 
 _LOG = logging.getLogger("mapping")
 
 _AMCL_POSE_PERIOD_NS = 100_000_000
-_STATUS_PERIOD_NS = 500_000_000
 _GRAPH_PERIOD_NS = 5_000_000_000
 _LATE_NS = 2_000_000_000
 """A process that receives its first odometry later than this may have been restarted."""
@@ -95,13 +93,9 @@ class MappingNode(Node):
         self._left: tuple[SE2, SE2] | None = None
         """Odometry at the end of the run before, and the map from it."""
         self._slam: Slam | None = None
-        self._odom: tuple[int, SE2] | None = None
-        self._scanned = False
+        self._measured = PoseMeasurements()
         self._schedule = Schedule()
-        self._slip, self._frozen = WheelSlip(), FrozenScans()
-        self._slip_log = SlipLog(_LOG)
-        self._published: tuple[str, int | None, bool, bool] | None = None
-        """State, epoch, slip and suspicion of the status last published."""
+        self._reports = StatusReports(_LOG)
         self._published_map: int | None = None
         """Version of the map last published."""
         self._published_graph: tuple[int, int] | None = None
@@ -122,11 +116,11 @@ class MappingNode(Node):
             return None
         if SCAN_FRAME not in self._base_from:
             return "static transforms on /tf_static"
-        if self._odom is None:
+        if self._measured.odom is None:
             return "odometry"
         if self._slam is None:
             return "its previous pose graph on /pose_graph"
-        if not self._scanned:
+        if not self._measured.scanned:
             return "a scan"
         return None
 
@@ -156,8 +150,8 @@ class MappingNode(Node):
         if self._watch.restarted(now_ns, inbox.new(SIMULATION_STATS)):
             _LOG.info("simulation restarted; resetting the map")
             left = None
-            if self._slam is not None and self._odom is not None:
-                left = self._odom[1], self._slip.with_odom(self._slam.map_from_odom())
+            if self._slam is not None and self._measured.odom is not None:
+                left = self._measured.odom[1], self._measured.map_from_odom(self._slam)
             self._reset()
             self._returned, self._left = None, left
         for graph in inbox.new(POSE_GRAPH):
@@ -182,10 +176,10 @@ class MappingNode(Node):
 
     def _reset(self) -> None:
         """Drop the map and all measurements."""
-        self._slam = self._odom = self._received_ns = None
-        self._slip, self._frozen = WheelSlip(), FrozenScans()
-        self._scanned = False
+        self._slam = self._received_ns = None
+        self._measured = PoseMeasurements()
         self._schedule.clear()
+        self._reports.restart()
         self._published_map = self._published_graph = None
         self._counts = dict.fromkeys(self._counts, 0)
 
@@ -196,18 +190,21 @@ class MappingNode(Node):
             stamp_ns = msg.ns_from_time(odom.header.stamp)
             if not self._watch.is_of_this_run(stamp_ns, ODOM, inbox):
                 continue
-            self._odom = (stamp_ns, msg.se2_from_pose(odom.pose.pose))
+            odom_from_base = msg.se2_from_pose(odom.pose.pose)
+            corrected = self._measured.note_odometry(stamp_ns, odom_from_base)
             if self._slam is None:
-                self._slam = self._started(now_ns, world, self._odom[1])
+                self._slam = self._started(now_ns, world, odom_from_base)
             if self._slam is not None:
-                self._slam.odometry(self._odom[0], self._slip.odometry(*self._odom))
+                self._slam.odometry(stamp_ns, corrected)
         slam = self._slam
         if slam is None or SCAN_FRAME not in self._base_from:
             return
         for stamp_ns, message in by_stamp(scans, sightings):
             if isinstance(message, msg.LaserScan):
                 if self._watch.is_of_this_run(stamp_ns, SCAN, inbox):
-                    self._take_scan(slam, stamp_ns, message, inbox)
+                    scan = Scan.from_message(message, Mount.of(self._base_from[SCAN_FRAME]))
+                    if problem := self._measured.add_scan(scan, slam):
+                        inbox.reject(SCAN, problem)
             elif self._watch.is_of_this_run(stamp_ns, DETECTIONS, inbox):
                 self._take_detections(slam, stamp_ns, message, inbox)
 
@@ -246,20 +243,6 @@ class MappingNode(Node):
         slam.fixed = self._config.mode == "localization"
         return slam
 
-    def _take_scan(self, slam: Slam, stamp_ns: int, scan: msg.LaserScan, inbox: Inbox) -> None:
-        if not slam.has_odometry(stamp_ns):
-            inbox.reject(SCAN, NO_ODOMETRY)
-            return
-        taken = Scan.from_message(scan, Mount.of(self._base_from[SCAN_FRAME]))
-        assert self._odom is not None
-        if self._frozen.is_frozen(taken, self._odom[1]):
-            inbox.reject(SCAN, FROZEN)
-            return
-        if self._slip.scan(taken):
-            slam.correct_odometry(self._slip.corrected)
-        slam.scan(taken)
-        self._scanned = True
-
     def _take_detections(
         self, slam: Slam, stamp_ns: int, seen: msg.Detection3DArray, inbox: Inbox
     ) -> None:
@@ -274,7 +257,7 @@ class MappingNode(Node):
             slam.marker(stamp_ns, *name, marker_candidates(detection), camera)
 
     def _state(self) -> Literal["uninitialized", "localized", "lost"]:
-        if self._slam is None or not self._scanned:
+        if self._slam is None or not self._measured.scanned:
             return "uninitialized"
         return "lost" if self._slam.is_lost else "localized"
 
@@ -282,40 +265,28 @@ class MappingNode(Node):
         """Publish the pose, the status, the map and its graph."""
         slam = self._slam
         if slam is not None:
-            map_from_odom = self._slip.with_odom(slam.map_from_odom())
-            outbox.put(TF, transform_message(now_ns, map_from_odom))
+            outbox.put(TF, transform_message(now_ns, self._measured.map_from_odom(slam)))
             if self._schedule.is_due("amcl_pose", now_ns, _AMCL_POSE_PERIOD_NS):
-                assert self._odom is not None
-                outbox.put(AMCL_POSE, pose_message(self._odom[0], *slam.pose()))
-            if self._scanned:
+                assert self._measured.odom is not None
+                outbox.put(AMCL_POSE, pose_message(self._measured.odom[0], *slam.pose()))
+            if self._measured.scanned:
                 self._publish_map(now_ns, slam, outbox)
                 self._publish_graph(now_ns, slam, world, outbox)
-        state = self._state()
-        # Called on every step, so that the period counts from the last status published.
-        due = self._schedule.is_due("status", now_ns, _STATUS_PERIOD_NS)
-        slips = self._slip.slips
-        suspect = slam is not None and state == "localized" and slam.is_suspect
-        published = state, self._watch.epoch, slips, suspect
-        self._slip_log.update(now_ns, slips)
-        if due or self._published != published:
-            if self._published is None or self._published[0] != state:
-                if state == "lost":
-                    _LOG.warning("lost: %s", _CARRIED_OFF)
-                else:
-                    _LOG.info("%s", state)
-            self._published = published
-            outbox.put(
-                LOCALIZATION_STATUS,
-                LocalizationStatus(
-                    state=state,
-                    quality=0.0 if slam is None else slam.quality,
-                    reason=_CARRIED_OFF if state == "lost" else "",
-                    wants_motion=state == "lost",
-                    epoch=self._watch.epoch,
-                    wheel_slip=slips,
-                    suspect=suspect,
-                ),
-            )
+        status = self._status()
+        if self._reports.is_due(now_ns, status):
+            outbox.put(LOCALIZATION_STATUS, status)
+
+    def _status(self) -> LocalizationStatus:
+        slam, state = self._slam, self._state()
+        return LocalizationStatus(
+            state=state,
+            quality=0.0 if slam is None else slam.quality,
+            reason=_CARRIED_OFF if state == "lost" else "",
+            wants_motion=state == "lost",
+            epoch=self._watch.epoch,
+            wheel_slip=self._measured.slips,
+            suspect=slam is not None and state == "localized" and slam.is_suspect,
+        )
 
     def _publish_map(self, now_ns: int, slam: Slam, outbox: Outbox) -> None:
         if slam.map_version == self._published_map:
@@ -343,7 +314,7 @@ class MappingNode(Node):
         more = {
             "world_hash": world.hash,
             "epoch": epoch,
-            "map_from_odom": planar(self._slip.with_odom(slam.map_from_odom())),
+            "map_from_odom": planar(self._measured.map_from_odom(slam)),
         }
         outbox.put(POSE_GRAPH, graph.model_copy(update=more))
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from mazebot.common.maths import portable
 from mazebot.common.maths.frames import SE2, Array, PlanarCovariance, wrap_angle
-from mazebot.common.maths.odometry_history import OdometryHistory
+from mazebot.common.maths.odometry_history import NO_ODOMETRY, OdometryHistory
 from mazebot.common.messages.scan import Scan
 from mazebot.common.messages.slam_documents import PoseGraph
 from mazebot.mapping.graph.graph_file import NodeScan, graph_document, graph_of, metres, millimetres
@@ -140,7 +140,6 @@ _ROUND_RAD = 5.5
 """A lidar that sees more than this sees the same in whatever direction the robot faces."""
 
 
-NO_ODOMETRY = "without odometry at their time"
 NOT_VALID = (
     "with angles or a range_min that are not finite, beams over more than a turn, or a range_max "
     "that is not larger"

@@ -8,6 +8,8 @@ from collections import deque
 
 from mazebot.common.maths.frames import SE2, wrap_angle
 
+NO_ODOMETRY = "without odometry at their time"
+"""Why scans are not used"""
 _SAMPLES = 90
 """3 s"""
 _EXTRAPOLATE_NS = 200_000_000
