@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 
-from mazebot.common.recordings.comparing.wholeness import faults, faults_of_file
+from mazebot.cli.recordings.view import shown
+from mazebot.common.recordings.comparing.wholeness import faults, faults_of_file, recording_faults
 from tests.cli.test_app import mazebot
 from tests.common.recordings.made_run import made_run
 
@@ -32,6 +33,11 @@ def runs(made: Path, tmp_path: Path) -> Path:
 def diff(runs: Path, *options: str) -> tuple[int, str]:
     done = mazebot("diff", str(runs / "copy"), str(runs / "one"), *options)
     return done.returncode, done.stdout
+
+
+def cut(file: Path) -> None:
+    data = file.read_bytes()
+    file.write_bytes(data[: len(data) // 3])
 
 
 def test_a_run_under_another_name_is_whole(runs: Path) -> None:
@@ -76,6 +82,26 @@ def test_what_is_not_whole_is_no_success(runs: Path, spoil: Any, words: list[str
     assert (done.returncode, found[0] in done.stdout) == (1, True)
 
 
-def cut(file: Path) -> None:
-    data = file.read_bytes()
-    file.write_bytes(data[: len(data) // 3])
+@pytest.mark.parametrize(("spoil", "fault", "shows"), [
+    (cut, "run.rrd is cut", True),
+    (lambda file: file.write_bytes(b""), "run.rrd is empty", False),
+    (lambda file: file.write_bytes(b"x" * 5000), "run.rrd is no recording of Rerun", False),
+])  # fmt: skip
+def test_what_the_viewer_cannot_show_is_told(
+    runs: Path, capsys: pytest.CaptureFixture[str], spoil: Any, fault: str, shows: bool
+) -> None:
+    file = runs / "one" / "run.rrd"
+    assert recording_faults(runs / "one") == ()
+    spoil(file)
+    assert recording_faults(runs / "one") == (fault,)
+    said = mazebot("recordings", "info", str(runs / "one")).stdout
+    assert f"fault {fault}" in " ".join(said.split())
+    if shows:
+        assert shown([file]) == [file]
+        assert capsys.readouterr().err == f"warning: {file}: is cut\n"
+    else:
+        done = mazebot("recordings", "view", str(runs / "one"))
+        assert (done.returncode, done.stdout) == (2, "")
+        assert done.stderr.endswith(f"error: recordings view: {file}: {fault[8:]}\n")
+    (runs / "one" / ".recording").touch()
+    assert recording_faults(runs / "one") == ()

@@ -11,7 +11,7 @@ from mazebot.cli.parsing.options import print_json
 from mazebot.cli.recordings.printing import info_row, number_text, print_table, printable, size_text
 from mazebot.common.config import ConfigError
 from mazebot.common.recordings.catalog import RecordingInfo, find_run
-from mazebot.common.recordings.comparing.wholeness import faults
+from mazebot.common.recordings.comparing.wholeness import faults, recording_faults
 from mazebot.common.recordings.figures import FIGURES, figure_text, figures_of
 from mazebot.common.recordings.run_settings import read_summary
 
@@ -64,8 +64,9 @@ def print_run(directory: Path, name: str, as_json: bool) -> None:
         # Said by the catalog as the run's problem.
         figures = figures_of({})
     sizes = {name: (run.path / name).stat().st_size for name in run.files}
+    wrong = (*recording_faults(run.path), *faults(run.path))
     if as_json:
-        told = {"faults": faults(run.path), "files": sizes, "figures": figures}
+        told = {"faults": wrong, "files": sizes, "figures": figures}
         print_json(info_row(run) | told)
         return
     lines = [
@@ -79,7 +80,7 @@ def print_run(directory: Path, name: str, as_json: bool) -> None:
         *((("exploration", run.exploration),) if run.exploration else ()),
         *((("problem", run.problem),) if run.problem else ()),
         *((("incomplete", run.gap),) if run.gap else ()),
-        *(("fault", fault) for fault in faults(run.path)),
+        *(("fault", fault) for fault in wrong),
         *((("tags", " ".join(run.tags)),) if run.tags else ()),
         *((("note", run.note),) if run.note else ()),
         *(

@@ -7,12 +7,14 @@ import sys
 import tempfile
 import threading
 import webbrowser
+from collections.abc import Sequence
 from pathlib import Path
 
 from mazebot.cli.parsing.patience import wait_quietly
 from mazebot.common.config import ConfigError
 from mazebot.common.recordings.catalog import LATEST, find_run
-from mazebot.common.recordings.run_folder import RECORDING, parts_of
+from mazebot.common.recordings.comparing.wholeness import IS_CUT, recording_fault
+from mazebot.common.recordings.run_folder import LOCK, RECORDING, parts_of
 from mazebot.recorder.config import LayoutName
 
 _LOOK_S = 1.0
@@ -31,11 +33,11 @@ def view_run(
             f"recordings view: {run.path}: has no {RECORDING}: it was run without recording"
         )
     recording = run.recording
+    parts = shown(parts_of(recording.parent))
     # These load Rerun.
     from mazebot.recorder.drawing.layouts.layout_file import shown_in_layout  # noqa: PLC0415
     from mazebot.recorder.keeping.live import WebPage  # noqa: PLC0415
 
-    parts = parts_of(recording.parent)
     with tempfile.TemporaryDirectory(prefix="mazebot-view-") as scratch:
         if layout is not None:
             parts = shown_in_layout(parts, layout, Path(scratch))
@@ -53,6 +55,23 @@ def view_run(
                 pass
         finally:
             page.close()
+
+
+def shown(parts: Sequence[Path]) -> list[Path]:
+    """The files of a recording that the viewer can show, if not to their ends; says what is wrong
+    with the others.
+
+    Raises ConfigError where it can show none.
+    """
+    faults = {part: recording_fault(part) for part in parts}
+    shown = [part for part, fault in faults.items() if fault in ("", IS_CUT)]
+    if not shown:
+        part, fault = next(iter(faults.items()))
+        raise ConfigError(f"recordings view: {part}: {fault}")
+    for part, fault in faults.items():
+        if fault and not (part.parent / LOCK).exists():
+            sys.stderr.write(f"warning: {part}: {fault}\n")
+    return shown
 
 
 def _opened(url: str) -> bool:

@@ -16,6 +16,7 @@ from mazebot.common.recordings.run_folder import (
     DIGESTS,
     LOCK,
     MESSAGES,
+    RECORDING,
     SUMMARY,
     part_path,
     parts_of,
@@ -24,8 +25,14 @@ from mazebot.common.recordings.run_settings import read_summary
 
 ABOUT = "mazebot"
 """Name of a metadata record in the MCAP files of a run: its name, world and seed."""
+IS_CUT = "is cut"
 _TAIL_S = 1.0
 """At the end of a run so much may not have come to its recorder."""
+_RRD_BEGIN, _RRD_END = b"RRF", b"FOOT"
+"""Rerun's files begin with the first, and the last bytes of those that were closed hold the second
+(re_log_encoding's StreamHeader and StreamFooter of Rerun 0.28 and later).
+"""
+_RRD_END_BYTES = 12
 
 
 def faults(folder: Path) -> tuple[str, ...]:
@@ -49,6 +56,30 @@ def message_faults(folder: Path) -> tuple[str, ...]:
     if counts.total() < recorded:
         found.append(f"{counts.total()} of {recorded} recorded messages are there")
     return tuple(found)
+
+
+def recording_faults(folder: Path) -> tuple[str, ...]:
+    """As `faults`, of its run.rrd and the parts that follow, which the viewer shows."""
+    if (folder / LOCK).exists():
+        return ()
+    found = ((part, recording_fault(part)) for part in parts_of(folder, RECORDING))
+    return tuple(f"{part.name} {fault}" for part, fault in found if fault)
+
+
+def recording_fault(file: Path) -> str:
+    """What is wrong with a recording of Rerun, in a phrase; empty: it was written to its end."""
+    try:
+        with file.open("rb") as content:
+            begin = content.read(len(_RRD_BEGIN))
+            content.seek(max(0, file.stat().st_size - _RRD_END_BYTES))
+            end = content.read()
+    except OSError as error:
+        return f"cannot be read: {error.strerror}"
+    if not begin:
+        return "is empty"
+    if begin != _RRD_BEGIN:
+        return "is no recording of Rerun"
+    return "" if _RRD_END in end else IS_CUT
 
 
 def faults_of_file(path: Path) -> tuple[str, ...]:
@@ -94,7 +125,7 @@ def _faults_of_part(part: Path, summary: Mapping[str, Any], counts: Counter[str]
             yield f"{part.name} is of another run: {was}, by {SUMMARY} {value!r:.80}"
             break
     if not contents.is_whole:
-        yield f"{part.name} is cut"
+        yield f"{part.name} {IS_CUT}"
 
 
 def _digest_faults(folder: Path) -> Iterator[str]:
