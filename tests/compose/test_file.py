@@ -184,3 +184,12 @@ def test_the_environment_file_enables_every_profile() -> None:
     )
     used = {profile for stanza in STANZAS.values() for profile in stanza["profiles"]}
     assert set(line.partition("=")[2].split(",")) == used
+
+
+def test_what_takes_long_of_the_bridge_s_image_is_kept_until_a_definition_changes() -> None:
+    stages = re.split(r"^FROM ", (ROOT / "docker/ros2/Dockerfile").read_text(), flags=re.MULTILINE)
+    (builds,) = (stage for stage in stages if "packages.py packages" in stage)
+    assert "COPY --from=definitions /build/packages" in builds
+    assert "services" not in builds
+    assert "import mazebot" not in (script := (ROOT / "docker/ros2/packages.py").read_text())
+    assert "from mazebot" not in script

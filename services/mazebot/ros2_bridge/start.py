@@ -22,7 +22,7 @@ from mazebot.ros2_bridge.config import NAME, Ros2BridgeConfig
 from mazebot.ros2_bridge.dds import Dds, prepare_environment
 
 _BUILT_FOR = Path(sys.prefix) / "share" / "mazebot_distro"
-"""Written by docker/ros2/packages.py."""
+"""Written by docker/ros2/Dockerfile."""
 PERIOD_S = 1.0
 """Of looking for another key, and for a router."""
 
