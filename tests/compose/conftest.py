@@ -4,74 +4,59 @@ from __future__ import annotations
 
 import os
 import subprocess
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Callable
 
 import pytest
 
 from mazebot.common.files.root import ROOT
 
+STANZAS = {"image": "demo-world-enhanced", "bridge_image": "ros2-bridge"}
+"""By the fixtures of the images. One name for all services, so that their image has the same
+identity each time.
+"""
+BUILD = ("docker", "compose", "build", "--quiet")
+BUILD_S = 1200.0
 
-class Build:
-    """The image of a stanza, being built from this working tree; fast where nothing has changed."""
 
-    def __init__(self, stanza: str, lock: Path) -> None:
+@pytest.fixture(scope="session")
+def images(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> None:
+    """All images that any test of this session needs, built from this working tree before the first
+    one: side by side, for one waits for the network while the other one compiles. Fast where
+    nothing has changed.
+    """
+    needed = {name for item in request.session.items for name in getattr(item, "fixturenames", ())}
+    locks = tmp_path_factory.getbasetemp().parent
+    builds = [
         # Two workers that build at the same time make two images, and the second takes the name of
         # the first away from the containers that run by then.
-        self._process = subprocess.Popen(
-            ["flock", "--no-fork", lock, "docker", "compose", "build", "--quiet", stanza],
+        subprocess.Popen(
+            [*("flock", "--no-fork", locks / stanza), *BUILD, stanza],
             cwd=ROOT,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
         )
-
-    def await_end(self) -> None:
-        """Return once it is built. Raises AssertionError if it cannot be."""
-        _, said = self._process.communicate(timeout=1200)
-        code = self._process.returncode
-        assert code == 0, f"the image cannot be built (is Docker running?)\n{said}"
-
-    def stop(self) -> None:
-        """End it if nobody has waited for it."""
-        if self._process.poll() is None:
-            self._process.terminate()
-            self._process.communicate()
-
-
-@pytest.fixture(scope="session")
-def builds(
-    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[dict[str, Build]]:
-    """The builds of all images that any test of this session needs, by the fixtures that wait for
-    them. They run side by side: one waits for the network while the other one compiles. That of the
-    bridge may go on beside the first tests, which judge no time.
-    """
-    # One name for all services, so that their image has the same identity each time.
-    stanzas = {"image": "demo-world-enhanced", "bridge_image": "ros2-bridge"}
-    needed = {name for item in request.session.items for name in getattr(item, "fixturenames", ())}
-    locks = tmp_path_factory.getbasetemp().parent
-    begun = {
-        name: Build(stanza, locks / f"{stanza}.lock")
-        for name, stanza in stanzas.items()
+        for name, stanza in STANZAS.items()
         if name in needed
-    }
-    yield begun
-    for build in begun.values():
-        build.stop()
+    ]
+    try:
+        for build in builds:
+            _, said = build.communicate(timeout=BUILD_S)
+            assert build.returncode == 0, f"no image was built (is Docker running?)\n{said}"
+    finally:
+        for build in builds:
+            build.terminate()
 
 
 @pytest.fixture(scope="session")
-def image(builds: dict[str, Build]) -> str:
+def image(images: None) -> str:
     """The image of all services."""
-    builds["image"].await_end()
     return "mazebot"
 
 
 @pytest.fixture(scope="session")
-def bridge_image(builds: dict[str, Build]) -> str:
+def bridge_image(images: None) -> str:
     """The image of the bridge to DDS."""
-    builds["bridge_image"].await_end()
     return "mazebot-ros2"
 
 

@@ -120,13 +120,15 @@ class Stack:
         return self.folder / "recordings"
 
     def compose(
-        self, *arguments: str, timeout_s: float = 120.0
+        self, *arguments: str, timeout_s: float = 120.0, settings: dict[str, str] | None = None
     ) -> subprocess.CompletedProcess[str]:
-        """Run `docker compose` to its end; its output and its errors are both in `stdout`."""
+        """Run `docker compose` to its end, with some settings for this time alone; its output and
+        its errors are both in `stdout`.
+        """
         return subprocess.run(
             [*self._as_person, "docker", "compose", *arguments],
             cwd=self.folder,
-            env=self._settings,
+            env=self._settings | (settings or {}),
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,

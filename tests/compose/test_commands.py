@@ -201,34 +201,18 @@ def test_two_stacks_run_side_by_side(person: int) -> None:
         assert other.inspect("physics")["State"]["Running"]
 
 
-@pytest.mark.parametrize(
-    ("settings", "reason"),
-    [
-        ({"WORLD_NAME": "no_such_house"}, "no_such_house"),
-        ({"USE_ARUCO": "perhaps"}, "use_aruco"),
-    ],
+MISTAKES = (
+    ({"WORLD_NAME": "no_such_house"}, "no_such_house"),
+    ({"USE_ARUCO": "perhaps"}, "use_aruco"),
 )
-def test_a_mistake_in_a_setting_is_told_in_one_line(
-    person: int, settings: dict[str, str], reason: str
+"""Settings, and what the line that is printed has in it."""
+
+
+def test_a_mistake_in_a_setting_is_told_in_one_line_and_textures_of_one_s_own_are_taken(
+    person: int,
 ) -> None:
-    with stack_of(person, settings) as stack:
-        stack.compose("up", "--detach", DEMOS["enhanced"])
-
-        def ended() -> bool:
-            return bool(stack.inspect(DEMOS["enhanced"])["State"]["Status"] == "exited")
-
-        wait_until(ended, 60.0, "the demo to end")
-        assert stack.inspect(DEMOS["enhanced"])["State"]["ExitCode"] == 2
-        errors = [
-            line
-            for line in stack.logs(DEMOS["enhanced"]).splitlines()
-            if line.lower().startswith(("error", "[error]"))
-        ]
-        assert len(errors) == 1
-        assert reason in errors[0]
-
-
-def test_textures_of_one_s_own_are_taken(person: int) -> None:
+    """Of the stack in which a demo ended, the next one uses all that runs."""
+    demo = DEMOS["enhanced"]
     with stack_of(person, {"TEXTURE_BASE": "./mine"}) as stack:
         mine = stack.folder / "mine"
         shutil.copytree(ROOT / "worlds" / "textures", mine)
@@ -236,9 +220,23 @@ def test_textures_of_one_s_own_are_taken(person: int) -> None:
         shutil.copy(mine / "concrete.png", mine / "bricks.png")
         for path in (mine, *mine.rglob("*")):
             path.chmod(0o755 if path.is_dir() else 0o644)
-        stack.compose("up", "--detach", DEMOS["enhanced"])
-        world = running_world(stack)
-        assert len(on_walls(world)) == 2
+
+        def ended() -> bool:
+            return bool(stack.inspect(demo)["State"]["Status"] == "exited")
+
+        for settings, reason in MISTAKES:
+            stack.compose("up", "--detach", demo, settings=settings)
+            wait_until(ended, 60.0, "the demo to end")
+            assert stack.inspect(demo)["State"]["ExitCode"] == 2
+            errors = [
+                line
+                for line in stack.logs(demo).splitlines()
+                if line.lower().startswith(("error", "[error]"))
+            ]
+            assert len(errors) == 1
+            assert reason in errors[0]
+        stack.compose("up", "--detach", demo)
+        assert len(on_walls(running_world(stack))) == 2
 
 
 def test_a_folder_of_textures_that_is_not_there_is_not_made(person: int) -> None:
