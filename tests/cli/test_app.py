@@ -32,6 +32,7 @@ NO_GL = {
 }
 
 
+RECORDING_OF_NOTHING = b"RRF2" + bytes(8) + b"RRF2FOOT" + bytes(4)
 THREADS = "OPENBLAS_NUM_THREADS"
 WRITTEN = (
     "/cmd_vel", "/cmd_vel_teleop", "/controller_selector", "/explore/resume", "/goal_pose",
@@ -216,7 +217,7 @@ def test_a_recording_is_opened_in_a_browser_where_there_is_one(
 ) -> None:
     opened = mock.Mock(return_value=True)
     (tmp_path / "run").mkdir()
-    (tmp_path / "run" / "run.rrd").touch()
+    (tmp_path / "run" / "run.rrd").write_bytes(RECORDING_OF_NOTHING)
     port = str(free_port())
     monkeypatch.setattr("threading.Event.wait", mock.Mock(side_effect=KeyboardInterrupt))
     monkeypatch.setattr("mazebot.recorder.keeping.live.WebPage", mock.Mock())
@@ -244,7 +245,7 @@ def test_the_newest_run_with_a_recording_is_shown_unless_another_is_named(
         ("2026-01-03_00-00-00_c", "summary.json"),
     ):
         (tmp_path / name).mkdir()
-        (tmp_path / name / file).write_text("{}")
+        (tmp_path / name / file).write_bytes(RECORDING_OF_NOTHING)
     monkeypatch.setattr("threading.Event.wait", mock.Mock(side_effect=KeyboardInterrupt))
     page = mock.Mock()
     monkeypatch.setattr("mazebot.recorder.keeping.live.WebPage", page)
@@ -285,7 +286,7 @@ def test_a_router_without_a_robot_is_told_apart(monkeypatch: pytest.MonkeyPatch)
 
 def test_a_port_that_is_taken_is_named(tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
-    (tmp_path / "run" / "run.rrd").touch()
+    (tmp_path / "run" / "run.rrd").write_bytes(RECORDING_OF_NOTHING)
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
