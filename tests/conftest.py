@@ -50,9 +50,15 @@ def pytest_make_parametrize_id(val: object, argname: str) -> str | None:
     return None
 
 
+def pytest_collection() -> None:
+    """Look for no garbage among what is imported: it stays, and it is large."""
+    gc.disable()
+
+
 def pytest_collection_finish() -> None:
-    """Look for garbage no more among all that was imported: it stays, and it is large."""
+    """Look for garbage again, but no more among all that was imported."""
     gc.freeze()
+    gc.enable()
 
 
 _LONGEST = (

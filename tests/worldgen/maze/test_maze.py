@@ -7,7 +7,6 @@ from collections import Counter
 import numpy as np
 import pytest
 import shapely
-from scipy import stats
 from scipy.sparse import coo_array, csgraph
 
 from mazebot.worldgen.maze.maze import Maze, generate
@@ -52,6 +51,9 @@ def test_a_perfect_maze_is_a_spanning_tree(algorithm: str, shape: tuple[int, int
 
 
 def test_every_spanning_tree_is_as_likely() -> None:
+    # It loads most of SciPy.
+    from scipy import stats
+
     draws = 3000
     found = Counter(
         b"".join(bits.tobytes() for bits in wilson(2, 3, seed)) for seed in range(draws)
