@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 from pathlib import Path
 
 import cv2
@@ -28,19 +29,28 @@ ROS = {
 }
 
 
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
+@pytest.fixture(scope="module")
+def pictures(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The files of `here`, drawn once."""
+    folder = tmp_path_factory.mktemp("pictures")
     rgb = render(POSE, "bricks")
-    cv2.imwrite("wall.png", rgb[..., ::-1])
-    cv2.imwrite("blank.png", np.full((480, 640, 3), 128, np.uint8))
-    cv2.imwrite("small.png", rgb[:240, :320, ::-1])
-    Path("camera.yaml").write_text(yaml.safe_dump(ROS))
-    Path("text.png").write_text("no picture")
-    Path("empty.png").write_bytes(b"")
-    data = Path("wall.png").read_bytes()
-    Path("cut.png").write_bytes(data[:5000])
-    Path("wrong.png").write_bytes(data[:5000] + bytes(reversed(data[5000:8000])) + data[8000:])
+    cv2.imwrite(str(folder / "wall.png"), rgb[..., ::-1])
+    cv2.imwrite(str(folder / "blank.png"), np.full((480, 640, 3), 128, np.uint8))
+    cv2.imwrite(str(folder / "small.png"), rgb[:240, :320, ::-1])
+    (folder / "camera.yaml").write_text(yaml.safe_dump(ROS))
+    (folder / "text.png").write_text("no picture")
+    (folder / "empty.png").write_bytes(b"")
+    data = (folder / "wall.png").read_bytes()
+    (folder / "cut.png").write_bytes(data[:5000])
+    wrong = data[:5000] + bytes(reversed(data[5000:8000])) + data[8000:]
+    (folder / "wrong.png").write_bytes(wrong)
+    return folder
+
+
+@pytest.fixture
+def here(pictures: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(pictures, tmp_path, dirs_exist_ok=True)
     return tmp_path
 
 
