@@ -278,9 +278,13 @@ def se2_from_pose(pose: Pose) -> SE2:
     return SE2(pose.position.x, pose.position.y, yaw_from_quaternion(q.x, q.y, q.z, q.w))
 
 
+UNIT_WITHIN = 1e-3
+"""How far from 1 the square of a rotation's norm may be."""
+
+
 def is_unit(q: Quaternion) -> bool:
     """Whether a quaternion is a rotation, as far as its numbers go: only then has it a heading."""
-    return abs(q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w - 1.0) < 1e-3
+    return abs(q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w - 1.0) < UNIT_WITHIN
 
 
 def pose_from_se3(pose: SE3) -> Pose:
