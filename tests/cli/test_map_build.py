@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import json
 import math
+from collections import Counter
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import cv2
 import numpy as np
@@ -13,7 +16,7 @@ from typer.testing import CliRunner
 
 from mazebot.cli.app import app
 from mazebot.cli.map import build, build_run
-from mazebot.cli.map.build_run import turn_disagreement
+from mazebot.cli.map.build_run import Built, turn_disagreement
 from mazebot.common.config import ConfigError
 from mazebot.common.messages.slam_documents import PoseGraph
 from mazebot.common.world.map_files import read_map
@@ -229,6 +232,20 @@ class TestLogsAsTheyAre:
         assert json.loads(wrong.stdout)["contradicted_median"] > 0.2
         assert "the map contradicts itself" in wrong.stderr
         assert "the map contradicts itself" not in right.stderr
+
+    @pytest.mark.parametrize(("fit", "contradicted", "is_told"), [
+        (0.95, 0.18, False), (0.95, 0.2, True), (0.75, 0.14, False), (0.75, 0.16, True),
+    ])  # fmt: skip
+    def test_what_contradicts_is_judged_by_what_fits(
+        self, capsys: pytest.CaptureFixture[str], fit: float, contradicted: float, is_told: bool
+    ) -> None:
+        slam = SimpleNamespace(left_out=Counter())
+        built = SimpleNamespace(
+            slam=slam, fit_median=fit, contradicted=contradicted, turn_disagreement=0.1,
+            times_s=[0.0], scans=1,
+        )  # fmt: skip
+        build.warn_of_fit(Path("a.log"), cast("Built", built))
+        assert ("the map contradicts itself" in capsys.readouterr().err) == is_told
 
     def test_scans_that_turn_against_odometry_are_told(
         self, hall: Hall, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

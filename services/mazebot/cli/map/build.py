@@ -131,7 +131,7 @@ def build(
     except ConfigError as error:
         raise ConfigError(f"--log: {log_file}: {error}") from error
     # First, for it may be why scans could not be used.
-    _warn_of_fit(log_file, built)
+    warn_of_fit(log_file, built)
     _check_used(log_file, built)
     errors = None
     if known is not None:
@@ -199,7 +199,7 @@ def _check_used(log_file: Path, built: Built) -> None:
         )
 
 
-def _warn_of_fit(log_file: Path, built: Built) -> None:
+def warn_of_fit(log_file: Path, built: Built) -> None:
     """Say where the scans fit neither each other nor odometry: what they make is hardly a map."""
     from mazebot.mapping.slam import CARRIED_OFF  # noqa: PLC0415 - loads Numba
 
