@@ -10,9 +10,11 @@ import pytest
 from typer.testing import CliRunner
 
 from mazebot.cli.app import app
-from mazebot.cli.logs.log import ScanForm, Topics
+from mazebot.cli.logs.log import Entry, Log, LoggedScan, ScanForm, Topics
+from mazebot.cli.logs.reach import dropouts, without_dropouts
 from mazebot.cli.logs.read import read_log
 from mazebot.common.config import ConfigError
+from mazebot.common.maths.frames import SE2
 from tests.cli.test_lidar_places import RANGES_M, STEP_NS, read, scans_of, write
 
 STAMPS_NS = range(STEP_NS, 21 * STEP_NS, STEP_NS)
@@ -126,6 +128,44 @@ def test_else_it_sees_as_far_as_it_states(
     )
     assert {scan.range_max_m for scan in scans_of(log)} == {stated_m}
     assert not log.remarks()
+
+
+def scan_of(ranges_m: list[float], increment_rad: float = 0.01) -> LoggedScan:
+    return LoggedScan(np.array(ranges_m, np.float32), 0.0, increment_rad, 0.1, 30.0)
+
+
+@pytest.mark.parametrize(
+    ("ranges_m", "increment_rad", "expected"),
+    [
+        ([math.inf, 2.0, math.inf, 2.0, math.inf], 0.01, [2]),
+        # Of 0.15 m as the nearer return has it, and of 0.6 m.
+        ([3.0, math.inf, 30.0, math.inf, math.inf, 9.0], 0.01, [1, 2, 3, 4]),
+        ([12.0, math.inf, 30.0, math.inf, math.inf, 13.0], -0.01, []),
+        # One beam between two is what a coarse lidar has of a wall far away.
+        ([12.0, math.inf, 12.0, math.nan, 12.0, 0.0, 12.0], 0.02, [1]),
+        ([math.inf] * 4, 0.01, []),
+        ([math.inf, 1.0, math.inf], 0.01, []),
+        ([], 0.01, []),
+    ],
+)
+def test_a_beam_drops_out_where_no_opening_is(
+    ranges_m: list[float], increment_rad: float, expected: list[int]
+) -> None:
+    assert np.flatnonzero(dropouts(scan_of(ranges_m, increment_rad))).tolist() == expected
+
+
+@pytest.mark.parametrize(("every", "share"), [(12, None), (8, "11 %"), (3, "29 %")])
+def test_where_many_beams_drop_out_they_show_no_free_space(every: int, share: str | None) -> None:
+    ranges_m = np.full(361, 5.0, np.float32)
+    ranges_m[1::every] = math.inf
+    ranges_m[300:340] = math.inf
+    here = SE2(0.0, 0.0, 0.0)
+    log = without_dropouts(Log([Entry(0, here, scan_of(ranges_m.tolist())), Entry(1, here, None)]))
+    scan = log.entries[0].scan
+    assert scan is not None
+    assert np.isposinf(scan.ranges_m[300:340]).all()
+    assert np.isnan(scan.ranges_m[1]) == (share is not None)
+    assert [remark[:4] for remark in log.remarks()] == ([] if share is None else [share])
 
 
 @pytest.mark.parametrize("range_m", [math.nan, math.inf, 0.0, 0.05])

@@ -142,6 +142,8 @@ class Log:
     """That no range of all scans is a return, in one line; empty: some are."""
     codes_m: tuple[float, ...] = ()
     """Ranges below range_max that stand for no return, of each lidar that has one."""
+    dropouts: tuple[float, ...] = ()
+    """Shares of the beams that dropped out, of each lidar of which many do."""
     unused: str = ""
     """What scans the log has beside those that are used, in one line; empty: none."""
     assumed: str = ""
@@ -286,6 +288,11 @@ class Log:
             found.append(
                 f"{code_m:g} m is what very many beams of all directions measure: taken for a "
                 "code of no return, which shows no free space either"
+            )
+        for share in self.dropouts:
+            found.append(
+                f"{100.0 * share:.0f} % of the beams have no return between others near them that "
+                "have: they dropped out, and show no free space"
             )
         for reach in self.reaches:
             found.append(

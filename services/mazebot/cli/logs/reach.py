@@ -1,11 +1,12 @@
-"""How far the lidars of a log see, by what returned."""
+"""How far the lidars of a log see, by what returned, and which of their beams drop out."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mazebot.cli.logs.log import Entry, Log, LoggedScan, Reach
 
@@ -14,6 +15,14 @@ _FAR_BEYOND = 2.0
 _CODE_SHARE, _CODE_BEAMS, _CODE_READINGS = 0.01, 10, 300
 """The longest range is a code, and nothing measured, if such a share of all readings, in so many of
 the beams, and so many of all, are the very same: what is measured differs.
+"""
+_HOLE_M = 0.3
+"""Returns nearer to each other have no opening between them through which a lidar sees the room
+behind: beams without a return there dropped out.
+"""
+_MANY_HOLES = 0.1
+"""Of all beams: more than drop out beside edges. In logs of SICK's lidars it is 0.01 to 0.02, with
+a fifth of their range 0.06.
 """
 _CODE_TURNS = 2.0
 """It comes in so many times as many beams as in one scan: a robot that stands measures the same."""
@@ -82,6 +91,46 @@ def with_reach(log: Log) -> Log:
         reaches=tuple(Reach(seen.longest_m, f"{seen.stated_m:g}") for seen in short.values()),
         no_returns=_no_returns(log, lidars.values()),
     )
+
+
+def without_dropouts(log: Log) -> Log:
+    """The log, with NaN in place of beams that dropped out, of lidars of which many do: there is a
+    wall where they would show free space.
+    """
+    shares = {
+        frame: sum(int(dropouts(scan).sum()) for _, scan in scans)
+        / max(1, sum(len(scan.ranges_m) for _, scan in scans))
+        for frame, scans in log.scans_by_lidar().items()
+    }
+    many = {frame: share for frame, share in shares.items() if share >= _MANY_HOLES}
+    if not many:
+        return log
+    entries = [_without_dropouts(entry, many) for entry in log.entries]
+    return replace(log, entries=entries, dropouts=tuple(many.values()))
+
+
+def _without_dropouts(entry: Entry, lidars: Container[str]) -> Entry:
+    scan = entry.scan
+    if scan is None or scan.frame_id not in lidars:
+        return entry
+    measured = np.where(dropouts(scan), np.float32(np.nan), scan.ranges_m)
+    return replace(entry, scan=replace(scan, ranges_m=measured))
+
+
+def dropouts(scan: LoggedScan) -> NDArray[np.bool_]:
+    """(n,) whether a beam has no return and lies in a gap, between two that have one, that is one
+    beam wide or too narrow to be an opening.
+    """
+    ranges_m = scan.ranges_m
+    returned = (ranges_m >= scan.range_min_m) & (ranges_m > 0.0) & (ranges_m < scan.range_max_m)
+    at = np.flatnonzero(returned)
+    beams = np.diff(at)
+    nearer_m = np.minimum(ranges_m[at[:-1]], ranges_m[at[1:]])
+    narrow = (beams * abs(scan.angle_increment_rad) * nearer_m <= _HOLE_M) | (beams == 2)
+    inside = np.zeros(len(ranges_m), np.bool_)
+    if len(at) > 1:
+        inside[at[0] : at[-1]] = np.repeat(narrow, beams)
+    return inside & (ranges_m >= scan.range_max_m)
 
 
 def _lidars(log: Log) -> dict[str, _Seen]:

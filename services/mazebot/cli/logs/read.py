@@ -12,7 +12,7 @@ from typing import IO, cast
 from mazebot.cli.logs import carmen, csv_file
 from mazebot.cli.logs.jumps import without_jumps
 from mazebot.cli.logs.log import Log, ScanForm, Topics
-from mazebot.cli.logs.reach import with_reach
+from mazebot.cli.logs.reach import with_reach, without_dropouts
 from mazebot.common.config import ConfigError
 from mazebot.common.files.limits import MAX_LINE_BYTES
 from mazebot.common.files.reading import NotReadableError, most_unpacked, open_regular, reason
@@ -36,7 +36,8 @@ def read_log(
 
     Raises ConfigError with one line that names file, line or topic, and what is wrong.
     """
-    log = with_reach(_within_a_turn(path, _read(path, form, topics or Topics())))
+    log = _within_a_turn(path, _read(path, form, topics or Topics()))
+    log = without_dropouts(with_reach(log))
     return without_jumps(path, log if odom_scale == 1.0 else log.with_odometry_scaled(odom_scale))
 
 
