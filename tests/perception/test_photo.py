@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from mazebot.perception.detect import Detector
 from mazebot.perception.photo import markers_in_photo, unreadable_in_photo
 from mazebot.perception.pose import Camera
 from tests.perception.scene import (
@@ -97,6 +98,28 @@ def test_a_thin_white_border_is_enough(module_px: int, border_px: float) -> None
     expected = 60 + 7 * module_px * np.array([(0, 0), (1, 0), (1, 1), (0, 1)]) - 0.5
     # Of a border that blur has eaten half of, the edge seems nearer.
     assert np.abs(one.corners - expected).max() < 0.5
+
+
+@pytest.mark.parametrize("blur_px", [0.0, 0.8])
+@pytest.mark.parametrize("wall", [30, 60, 100, 140])
+@pytest.mark.parametrize("border_px", [4, 8, 20])
+def test_the_corners_are_those_of_the_black_square_not_of_its_border(
+    border_px: int, wall: int, blur_px: float
+) -> None:
+    scene = np.full((480, 640), wall, np.uint8)
+    left, top, side = 260, 180, 120
+    scene[top - border_px : top + side + border_px, left - border_px : left + side + border_px] = (
+        255
+    )
+    scene[top : top + side, left : left + side] = cv2.aruco.generateImageMarker(BOOK, 7, side)
+    if blur_px:
+        scene = np.asarray(cv2.GaussianBlur(scene, (0, 0), blur_px), np.uint8)
+    expected = side * np.array([(0, 0), (1, 0), (1, 1), (0, 1)]) + np.array([left, top]) - 0.5
+    (one,) = markers_in_photo(scene, BOOK, magnify=False)
+    assert one.marker_id == 7
+    assert np.abs(one.corners - expected).max() < 0.5
+    for seen in Detector(BOOK, 13, 20.0).detect(scene, 100.0):
+        assert np.abs(seen.corners - expected).max() < 0.5
 
 
 def test_no_border_is_none() -> None:

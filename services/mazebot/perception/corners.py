@@ -19,6 +19,8 @@ _PASSES = 2
 _STEPS = 12
 """Steps on each side of an edge, at the least: wide profiles have longer steps than _STEP_PX."""
 _MIN_HALF_WIDTH_PX = 1.25
+_BESIDE_PX = 1.5
+"""So near to an edge there is nothing else."""
 
 HALF_WIDTH_PX = 3.0
 """How far from a side an edge may lie and reach, in a sharp picture."""
@@ -67,6 +69,38 @@ def refine_corners(
         if not np.abs(refined - corners).max() <= half_width_px:
             return corners
     return refined
+
+
+def corners_of_black(
+    grey: NDArray[np.uint8],
+    corners: Corners,
+    modules: int = MODULES,
+    half_width_px: float = HALF_WIDTH_PX,
+) -> Corners:
+    """As `refine_corners`, also from the corners of a thin white border around the black square,
+    which OpenCV finds where the border is lighter than what is behind it.
+    """
+    refined = refine_corners(grey, corners, modules, half_width_px)
+    if _is_black_within(grey, refined):
+        return refined
+    moved = refine_corners(grey, corners, modules, np.inf)
+    moved = refine_corners(grey, moved, modules, half_width_px)
+    return moved if _is_black_within(grey, moved) else refined
+
+
+def _is_black_within(grey: NDArray[np.uint8], corners: Corners) -> bool:
+    """Whether it is darker on the inside than on the outside of each side."""
+    along = np.roll(corners, -1, axis=0) - corners
+    lengths_px = portable.hypot_each(along[:, 0], along[:, 1])
+    if not lengths_px.min() >= 1.0:
+        return False
+    outward = np.stack([along[:, 1], -along[:, 0]], axis=1) / lengths_px[:, None]
+    places = corners[:, None] + _ALONG[None, :, None] * along[:, None]
+    aside = _BESIDE_PX * outward[:, None]
+    (within, outside) = (
+        brightness_at(grey, at[..., 0], at[..., 1]) for at in (places - aside, places + aside)
+    )
+    return bool((np.median(outside - within, axis=1) > 0.0).all())
 
 
 def _edge_lines(

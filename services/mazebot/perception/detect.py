@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mazebot.common.maths import portable
 from mazebot.common.maths.opencv import without_ipp
 from mazebot.perception.code_check import CodeCheck
-from mazebot.perception.corners import MODULES, Corners, refine_corners
+from mazebot.perception.corners import MODULES, Corners, corners_of_black
 
 _MIN_MODULE_PX = 2.0
 """Markers with smaller modules cannot be read."""
@@ -133,7 +133,7 @@ class Detector:
     ) -> list[Sighting]:
         found: list[Sighting] = []
         for marker_id, rough in step.candidates(grey, min_perimeter_px):
-            corners = refine_corners(grey, rough, self.modules)
+            corners = corners_of_black(grey, rough, self.modules)
             if self._min_clarity > 0.0:
                 if self._check.clarity(grey, corners, marker_id) < self._min_clarity:
                     continue

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mazebot.common.maths.opencv import without_ipp
 from mazebot.perception.code_check import CodeCheck
 from mazebot.perception.config import PerceptionConfig
-from mazebot.perception.corners import HALF_WIDTH_PX, Corners, refine_corners
+from mazebot.perception.corners import HALF_WIDTH_PX, Corners, corners_of_black
 from mazebot.perception.detect import Detector, Sighting, Threshold, same_place
 from mazebot.perception.pose import Camera, Solution, solve
 
@@ -123,7 +123,7 @@ def _clear(grey: NDArray[np.uint8], book: cv2.aruco.Dictionary) -> list[tuple[Si
     blur_px = max(HALF_WIDTH_PX, _BLUR_SHARE * max(grey.shape))
     found: list[tuple[Sighting, float]] = []
     for rough in _sightings_at_all_sizes(grey, book, config):
-        one = Sighting(rough.marker_id, refine_corners(grey, rough.corners, modules, blur_px))
+        one = Sighting(rough.marker_id, corners_of_black(grey, rough.corners, modules, blur_px))
         clarity = max(
             check.clarity(grey, one.corners, one.marker_id, thin) for thin in (False, True)
         )
