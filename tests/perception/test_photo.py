@@ -160,3 +160,18 @@ def test_mirrored_and_inverted_markers_are_told_apart() -> None:
     ):
         assert markers_in_photo(wrong, BOOK) == []
         assert unreadable_in_photo(wrong, BOOK) == {way: [MARKER_ID]}
+
+
+def test_a_marker_that_cannot_be_read_is_told_beside_others() -> None:
+    book = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_1000)
+    scene = np.full((360, 640), 255, np.uint8)
+    for index, marker_id in enumerate((3, 77, 500)):
+        left = 40 + 200 * index
+        scene[30:150, left : left + 120] = cv2.aruco.generateImageMarker(book, marker_id, 120)
+    assert unreadable_in_photo(scene, book, markers_in_photo(scene, book, magnify=False)) == {}
+    scene[180:360, 40:220] = 0
+    scene[210:330, 70:190] = 255 - cv2.aruco.generateImageMarker(book, 9, 120)
+    scene[210:330, 340:460] = cv2.aruco.generateImageMarker(book, 10, 120)[:, ::-1]
+    markers = markers_in_photo(scene, book, magnify=False)
+    assert [one.marker_id for one in markers] == [3, 77, 500]
+    assert unreadable_in_photo(scene, book, markers) == {"mirrored": [10], "inverted": [9]}

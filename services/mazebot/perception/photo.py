@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import cv2
@@ -98,22 +99,35 @@ def markers_in_photo(
 
 
 def unreadable_in_photo(
-    grey: NDArray[np.uint8], book: cv2.aruco.Dictionary
+    grey: NDArray[np.uint8], book: cv2.aruco.Dictionary, readable: Iterable[PhotoMarker] = ()
 ) -> dict[str, list[int]]:
     """Ids of markers that no detector may read, by what is wrong with them: `mirrored`, `inverted`
-    (white on black), or both.
+    (white on black), or both. Where one is `readable`, there is no other.
     """
     inverse = np.asarray(255 - grey, np.uint8)
     ways = {
-        "mirrored": grey[:, ::-1],
-        "inverted": inverse,
-        "mirrored and inverted": inverse[:, ::-1],
+        "mirrored": (grey, True),
+        "inverted": (inverse, False),
+        "mirrored and inverted": (inverse, True),
     }
-    found = {
-        way: [one.marker_id for one, _ in _clear(np.ascontiguousarray(picture), book)]
-        for way, picture in ways.items()
-    }
-    return {way: ids for way, ids in found.items() if ids}
+    taken = [one.corners for one in readable]
+    found: dict[str, list[int]] = {}
+    for way, (picture, is_mirrored) in ways.items():
+        seen = np.ascontiguousarray(picture[:, ::-1]) if is_mirrored else picture
+        for one, _ in _clear(seen, book):
+            corners = one.corners.copy()
+            if is_mirrored:
+                corners[:, 0] = grey.shape[1] - 1 - corners[:, 0]
+            if not any(_holds(other, corners.mean(axis=0)) for other in taken):
+                taken.append(corners)
+                found.setdefault(way, []).append(one.marker_id)
+    return found
+
+
+def _holds(corners: Corners, place: Corners) -> bool:
+    x, y = place.tolist()
+    quad = np.asarray(corners, np.float32)
+    return cv2.pointPolygonTest(quad, (x, y), measureDist=False) >= 0.0
 
 
 def _clear(grey: NDArray[np.uint8], book: cv2.aruco.Dictionary) -> list[tuple[Sighting, float]]:

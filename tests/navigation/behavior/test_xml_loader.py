@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -247,6 +248,40 @@ def test_a_tree_of_format_3_is_read_with_a_word(form: str) -> None:
     given = "BTCPP_format 3" if form else "no BTCPP_format"
     assert warning.startswith(f"t.xml:2: {given}: read as format 4, but")
     assert file.build(run_over()).tick(0) is NodeStatus.SUCCESS
+
+
+MODEL = """<TreeNodesModel><SubTree ID="Below">
+    <input_port name="times" default="5">How often</input_port>
+    <output_port name="out" default="{mine}"/><input_port name="must"/>
+    </SubTree></TreeNodesModel>"""
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [('must="1"', 5.0), ('must=" {mine} " times="" ', 5.0), ('must="1" times=" {count} "', 3.0)],
+)
+def test_a_subtree_s_model_gives_defaults(given: str, expected: float) -> None:
+    below = '<BehaviorTree ID="Below"><Script code="out := times"/></BehaviorTree>'
+    text = document(
+        f'<Sequence><Script code="count := 3"/><SubTree ID="Below" {given}/></Sequence>'
+    )
+    tree = read_tree(text.replace("</root>", f"{below}{MODEL}</root>"), "t.xml").build(run_over())
+    assert tree.tick(0) is NodeStatus.SUCCESS
+    assert float(str(tree.blackboard.get("mine"))) == expected
+
+
+def test_a_port_without_a_default_must_be_given_unless_all_keys_are_shared() -> None:
+    below = '<BehaviorTree ID="Below"><Script code="times := must"/></BehaviorTree>'
+    text = document('<SubTree ID="Below" {}/>').replace("</root>", f"{below}{MODEL}</root>")
+    said = "t.xml:1: SubTree 'Below': port 'must' is missing: its model in <TreeNodesModel> has no"
+    with pytest.raises(ConfigError, match=re.escape(said)):
+        read_tree(text.replace("{}", "", 1), "t.xml")
+    tree = read_tree(text.replace("{}", '_autoremap="true"', 1), "t.xml").build(run_over())
+    tree.blackboard.set("must", 2)
+    assert tree.tick(0) is NodeStatus.SUCCESS
+    assert tree.blackboard.get("times") == 2
+    # Format 3 has no such models.
+    assert read_tree(text.replace("{}", "", 1).replace('"4"', '"3"'), "t.xml").trees
 
 
 def test_ports_that_groot_saves_empty_are_not_given() -> None:

@@ -57,7 +57,7 @@ class _Seen:
     picture: Picture
     markers: list[PhotoMarker]
     unreadable: dict[str, list[int]]
-    """Where there is no marker: ids of those that are mirrored or white on black."""
+    """Ids of those that are mirrored or white on black."""
 
 
 def detect_markers(
@@ -90,9 +90,7 @@ def detect_markers(
         grey = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), np.uint8)
         pinhole = camera.camera if camera is not None else None
         markers = markers_in_photo(grey, book, pinhole, side_m or 0.0, corner_sigma_px)
-        seen.append(
-            _Seen(file, picture, markers, {} if markers else unreadable_in_photo(grey, book))
-        )
+        seen.append(_Seen(file, picture, markers, unreadable_in_photo(grey, book, markers)))
     refuse_inputs("--draw", outputs)
     for one, output in zip(seen, outputs, strict=False):
         pinhole = camera.camera if camera is not None else None
@@ -255,12 +253,12 @@ def _pose(solution: Solution) -> dict[str, Any]:
 
 
 def _print(seen: _Seen) -> None:
-    if not seen.markers:
-        hints = [
-            f"; there is id {', '.join(map(str, ids))} {_UNREADABLE[way]}"
-            for way, ids in seen.unreadable.items()
-        ]
-        sys.stdout.write(f"{seen.file}: no marker{''.join(hints)}\n")
+    hints = "".join(
+        f"; there is id {', '.join(map(str, ids))} {_UNREADABLE[way]}"
+        for way, ids in seen.unreadable.items()
+    )
+    if hints or not seen.markers:
+        sys.stdout.write(f"{seen.file}: no {'other ' if seen.markers else ''}marker{hints}\n")
     for one in seen.markers:
         corners = " ".join(f"({x:.2f}, {y:.2f})" for x, y in one.corners.tolist())
         sys.stdout.write(f"{seen.file}: id {one.marker_id}: corners {corners} px\n")

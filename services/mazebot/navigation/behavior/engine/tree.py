@@ -416,10 +416,18 @@ class Node(ABC):
             raise TreeError(f"{self}, port {port!r}: {error}") from None
 
 
+def is_key(text: str) -> bool:
+    """Whether a port's text is a key of the blackboard, `{key}`, also between spaces, and no value,
+    as BehaviorTree.CPP's isBlackboardPointer has it.
+    """
+    stripped = text.strip(" ")
+    return stripped.startswith("{") and stripped.endswith("}")
+
+
 def _key(port: str, text: str) -> str | None:
-    if not (text.startswith("{") and text.endswith("}")):
+    if not is_key(text):
         return None
-    inner = text[1:-1].strip()
+    inner = text.strip(" ")[1:-1].strip()
     return port if inner == "=" else inner
 
 

@@ -20,6 +20,7 @@ from mazebot.navigation.behavior.engine.tree import (
     Node,
     NodePlace,
     TreeRun,
+    is_key,
 )
 from mazebot.navigation.behavior.engine.xml_elements import DEEPEST, Element, parse
 from mazebot.navigation.behavior.nodes.node_kinds import (
@@ -42,6 +43,7 @@ _EXPLICIT = {"Action", "Condition", "Control", "Decorator"}
 """Tags that name their kind in the attribute ID."""
 _RESERVED = {"name", "ID", "_description", "_uid", "_fullpath"}
 """Attributes that are no ports; the last ones are Groot's."""
+_PORTS = {"input_port", "output_port", "inout_port"}
 _SCRIPTS = {*BEFORE, *AFTER}
 MAX_TREE_FILES = 100
 """The file of a tree, and all that it includes."""
@@ -106,6 +108,7 @@ def read_tree(text: str | bytes, source: str, path: Path | None = None) -> TreeF
     found = _Trees()
     found.add(root, path)
     main = _main_id(root, found.trees)
+    found.fill_in_models()
     checker = _Checker(source, found.trees)
     checker.check_kinds()
     for tree in found.trees.values():
@@ -123,6 +126,34 @@ class _Trees:
         self.warnings: list[str] = []
         self._files: set[Path] = set()
         self._elements = 0
+        self._models: dict[str, dict[str, str]] = {}
+        """Of trees that have one: their ports, with the defaults; empty: a port must be given."""
+
+    def fill_in_models(self) -> None:
+        """Give each SubTree the defaults of its tree's model, as BehaviorTree.CPP does from 4.6.
+
+        Raises ConfigError where a port has none, and is not given.
+        """
+        for tree in self.trees.values():
+            for element in tree.walk():
+                name = element.attributes.get("ID", "")
+                if element.tag != "SubTree" or _shares_keys(element):
+                    continue
+                for port, default in self._models.get(name, {}).items():
+                    if not element.attributes.setdefault(port, default):
+                        raise ConfigError(
+                            f"{element.at}: SubTree {name!r:.60}: port {port!r:.60} is missing: "
+                            "its model in <TreeNodesModel> has no default"
+                        )
+
+    def _add_models(self, element: Element) -> None:
+        for model in element.children:
+            if model.tag == "SubTree":
+                self._models[model.attributes.get("ID", "")] = {
+                    port.attributes["name"]: port.attributes.get("default", "")
+                    for port in model.children
+                    if port.tag in _PORTS and "name" in port.attributes
+                }
 
     def add(self, root: Element, path: Path | None) -> None:
         """Take the trees of a document. Raises ConfigError."""
@@ -151,7 +182,10 @@ class _Trees:
                 self._add_tree(element, root)
             elif element.tag == "include":
                 self._include(element, path)
-            elif element.tag != "TreeNodesModel":
+            elif element.tag == "TreeNodesModel":
+                if form == "4":
+                    self._add_models(element)
+            else:
                 raise ConfigError(
                     f"{element.at}: <{element.tag}> in <root>: must be <BehaviorTree>"
                 )
@@ -194,6 +228,9 @@ def _of_today(element: Element, format_3: bool) -> None:
     """Give an element its name in format 4, without the ports that Groot saves as empty texts
     because they are not set.
     """
+    for name, text in element.attributes.items():
+        if is_key(text):
+            element.attributes[name] = text.strip()
     if format_3 and element.tag == "SubTree":
         # There a SubTree's attribute is a key, and only a SubTreePlus has braces for one.
         for name, text in element.attributes.items():
@@ -341,7 +378,7 @@ class _Checker:
 
 
 def _check_text(at: str, port: Port, text: str) -> None:
-    if text.startswith("{") and text.endswith("}"):
+    if is_key(text):
         return
     if port.output:
         # Nav2 takes an output that is not connected as a name without effect.
@@ -398,20 +435,24 @@ class _Builder:
             return checked_node(kind, found(place, children))
 
 
+def _shares_keys(element: Element) -> bool:
+    """Whether all keys of a SubTree are those of the tree above."""
+    given = [element.attributes.get(name, "").strip().lower() for name in _SHARED]
+    return "true" in given or "1" in given
+
+
 def _board_below(element: Element, board: Blackboard) -> Blackboard:
     """The blackboard of a SubTree: its attributes remap keys, or give values."""
     remapped, values = {}, {}
     for key, text in element.attributes.items():
         if key in _RESERVED or key.startswith("_"):
             continue
-        if text.startswith("{") and text.endswith("}"):
+        if is_key(text):
             inner = text[1:-1].strip()
             remapped[key] = key if inner == "=" else inner
         else:
             values[key] = text
-    given = [element.attributes.get(name, "").strip().lower() for name in _SHARED]
-    auto = "true" in given or "1" in given
-    below = Blackboard(board, remapped, auto)
+    below = Blackboard(board, remapped, _shares_keys(element))
     for key, text in values.items():
         below.hold(key, text)
     return below
